@@ -1,0 +1,51 @@
+"""Validators for settings: each refuses a wrong type, a value that is not finite or out of range, and says the range.
+
+They are used as ``Annotated[float, within(0.0, 10.0)]``. TOML knows lists only, so `listed` turns a list into the
+tuple that a frozen record keeps.
+"""
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict
+from pydantic_core import PydanticCustomError
+
+
+class Table(BaseModel):
+    """A frozen TOML table without unknown keys or silent type conversions."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+def within(low: float, high: float) -> BeforeValidator:
+    """A finite number in low .. high, both ends included (NaN lies in no range)."""
+    allowed = {"low": f"{low:g}", "high": f"{high:g}"}
+
+    def check(value: object) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise PydanticCustomError("number", "must be a number in {low} .. {high}", allowed)
+        if not low <= value <= high:
+            raise PydanticCustomError("range", "is outside {low} .. {high}", allowed)
+        return float(value)
+
+    return BeforeValidator(check)
+
+
+def one_of(*choices: int) -> BeforeValidator:
+    """One of a few whole numbers."""
+    allowed = {"choices": ", ".join(str(choice) for choice in choices)}
+
+    def check(value: object) -> int:
+        if isinstance(value, bool) or not isinstance(value, int) or value not in choices:
+            raise PydanticCustomError("choice", "must be one of {choices}", allowed)
+        return value
+
+    return BeforeValidator(check)
+
+
+def listed(length: int) -> BeforeValidator:
+    """A list of exactly `length` entries."""
+
+    def check(value: object) -> tuple[object, ...]:
+        if not isinstance(value, list | tuple) or len(value) != length:
+            raise PydanticCustomError("list", "must be a list of {length} numbers", {"length": length})
+        return tuple(value)
+
+    return BeforeValidator(check)

@@ -1,0 +1,195 @@
+"""The whole rig on an integer-nanosecond clock that is handed in: tanks, pump node, level node and faults.
+
+Time starts at 0 with the power-up of both nodes. Everything that happens by itself happens at its own due time, in
+this order where times are equal: nodes' own events (end of boot, watchdog), faults, level frames, status,
+heartbeats. A frame from outside that comes at the very nanosecond of such an event comes after it. Results do not
+depend on how `advance` cuts time into pieces, nor on who asks for the truth.
+"""
+
+from dataclasses import dataclass
+
+from can import Message
+
+from firmware_sim.faults import NS_PER_S, Fault, FaultSchedule
+from firmware_sim.level_node import LevelNode, Quad
+from firmware_sim.pump_node import Change, Observer, PumpNode
+from firmware_sim.settings import EmulatorSettings
+from firmware_sim.tanks import Tanks
+from firmware_sim.wire import (
+    LEVEL_HEARTBEAT_ID,
+    LOWER_LEVELS_ID,
+    PUMP_HEARTBEAT_ID,
+    STATUS_ID,
+    UPPER_LEVELS_ID,
+    NodeState,
+    Rejection,
+)
+
+Frame = Message
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What no sensor tells: the state of the rig now. scenario_s is None until the pump node first runs."""
+
+    t_s: float
+    scenario_s: float | None
+    levels_cm: Quad
+    applied_V: tuple[float, float]
+    effectiveness: tuple[float, float]
+    spilled_cm3: float
+    pump_state: NodeState
+
+
+def _ignore(change: Change) -> None:
+    del change
+
+
+class Rig:
+    """The emulated rig. `seed` fixes the sensor noise; `fingerprint` is the contract's CRC-32."""
+
+    def __init__(
+        self,
+        settings: EmulatorSettings,
+        faults: tuple[Fault, ...],
+        seed: int,
+        fingerprint: int,
+        observer: Observer | None = None,
+    ) -> None:
+        observe = observer or _ignore
+        self.pump = PumpNode(settings, fingerprint, observe)
+        self.level = LevelNode(settings, seed, fingerprint, observe)
+        self._tanks = Tanks(settings)
+        self._faults = FaultSchedule(faults)
+        self._levels_period_ns = round(settings.nodes.levels_period_s * NS_PER_S)
+        self._status_period_ns = round(settings.nodes.status_period_s * NS_PER_S)
+        self._heartbeat_period_ns = round(settings.nodes.heartbeat_period_s * NS_PER_S)
+        self._levels_ns = self._status_ns = self._heartbeat_ns = 0
+        self._now_ns = 0
+        self._tanks_ns = 0
+        self._is_held = settings.tanks.hold_until_run
+        self._start_ns: int | None = None
+        self._input_V = self.pump.applied_V
+        self._outbox: list[Frame] = []
+
+    @property
+    def now_ns(self) -> int:
+        """Time up to which everything has happened."""
+        return self._now_ns
+
+    @property
+    def start_ns(self) -> int | None:
+        """The moment t = 0 of the scenario, or None."""
+        return self._start_ns
+
+    @property
+    def next_event_ns(self) -> int:
+        """Due time of the next thing that happens by itself."""
+        due_ns = min(self._levels_ns, self._status_ns, self._heartbeat_ns)
+        for other_ns in (self.pump.next_event_ns, self.level.next_event_ns, self._faults.next_ns):
+            if other_ns is not None and other_ns < due_ns:
+                due_ns = other_ns
+        return due_ns
+
+    def advance(self, to_ns: int) -> list[Frame]:
+        """Let everything happen that is due up to and including to_ns.
+
+        Returns the frames that were sent since the last call, each with its own time in seconds. Raises ValueError
+        if to_ns lies in the past.
+        """
+        self._catch_up(to_ns)
+        sent, self._outbox = self._outbox, []
+        return sent
+
+    def receive(self, frame: Frame, now_ns: int) -> Rejection | None:
+        """Take a frame from the bus at now_ns; None if the pump node accepted it as a command.
+
+        Raises ValueError if now_ns lies in the past.
+        """
+        self._catch_up(now_ns)
+        rejection = self.pump.receive(frame, now_ns)
+        if rejection is None:
+            self._follow_pump(now_ns)
+        return rejection
+
+    def power_off(self, now_ns: int) -> None:
+        """Put the outputs at 0 V, whatever the clock says."""
+        now_ns = max(now_ns, self._now_ns)
+        self.pump.power_off(now_ns)
+        self.level.power_off(now_ns)
+        self._follow_pump(now_ns)
+
+    def truth(self) -> Truth:
+        """The state of the rig at `now_ns`."""
+        tanks = self._tanks.copy()
+        if not self._is_held:
+            dt_s = (self._now_ns - self._tanks_ns) / NS_PER_S
+            tanks.advance(dt_s, self._input_V, self._faults.effects.effectiveness)
+        e1, e2 = self._faults.effects.effectiveness
+        start_ns = self._start_ns
+        return Truth(
+            t_s=self._now_ns / NS_PER_S,
+            scenario_s=None if start_ns is None else (self._now_ns - start_ns) / NS_PER_S,
+            levels_cm=tanks.levels_cm,
+            applied_V=self.pump.applied_V,
+            effectiveness=(e1, e2),
+            spilled_cm3=tanks.spilled_cm3,
+            pump_state=self.pump.state,
+        )
+
+    def _catch_up(self, to_ns: int) -> None:
+        if to_ns < self._now_ns:
+            raise ValueError(f"time {to_ns} ns is outside {self._now_ns} ns .. (the emulator's clock never goes back)")
+        while (due_ns := self.next_event_ns) <= to_ns:
+            self._now_ns = due_ns
+            self._happen(due_ns)
+        self._now_ns = to_ns
+
+    def _happen(self, now_ns: int) -> None:
+        self.pump.run_event(now_ns)
+        self.level.run_event(now_ns)
+        self._follow_pump(now_ns)
+        fault_ns = self._faults.next_ns
+        if fault_ns is not None and fault_ns <= now_ns:
+            self._move_tanks(now_ns)
+            self._faults.advance(now_ns)
+        if self._levels_ns <= now_ns:
+            self._levels_ns += self._levels_period_ns
+            self._send_levels(now_ns)
+        if self._status_ns <= now_ns:
+            self._status_ns += self._status_period_ns
+            self._send(STATUS_ID, self.pump.status(), now_ns)
+        if self._heartbeat_ns <= now_ns:
+            self._heartbeat_ns += self._heartbeat_period_ns
+            self._send(PUMP_HEARTBEAT_ID, self.pump.heartbeat(), now_ns)
+            self._send(LEVEL_HEARTBEAT_ID, self.level.heartbeat(), now_ns)
+
+    def _follow_pump(self, now_ns: int) -> None:
+        """Hand the pump node's outputs on to the tanks, and start the scenario at its first run."""
+        if self._start_ns is None and self.pump.state is NodeState.RUN:
+            self._move_tanks(now_ns)
+            self._start_ns, self._is_held = now_ns, False
+            self._faults.start(now_ns)
+        if self.pump.applied_V != self._input_V:
+            self._move_tanks(now_ns)
+            self._input_V = self.pump.applied_V
+
+    def _move_tanks(self, now_ns: int) -> None:
+        if not self._is_held:
+            dt_s = (now_ns - self._tanks_ns) / NS_PER_S
+            self._tanks.advance(dt_s, self._input_V, self._faults.effects.effectiveness)
+        self._tanks_ns = now_ns
+
+    def _send_levels(self, now_ns: int) -> None:
+        if self.level.state is NodeState.RUN:
+            self._move_tanks(now_ns)
+            lower, upper = self.level.levels(self._tanks.levels_cm)
+            self._send(LOWER_LEVELS_ID, lower, now_ns)
+            self._send(UPPER_LEVELS_ID, upper, now_ns)
+
+    def _send(self, can_id: int, payload: bytes, now_ns: int) -> None:
+        self._outbox.append(
+            Message(
+                timestamp=now_ns / NS_PER_S, arbitration_id=can_id, is_extended_id=False, data=payload, is_rx=False
+            )
+        )

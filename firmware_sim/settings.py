@@ -1,0 +1,196 @@
+"""Settings of the emulator: emulator.toml, overridden by a scenario's [emulator] table, and its [[fault]] list.
+
+Everything is checked on loading; every error is one line with file, key, value and what is allowed.
+"""
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from firmware_sim.checks import Table, listed, one_of, within
+from firmware_sim.faults import Fault, PumpEffectiveness
+from firmware_sim.wire import contract_fingerprint
+
+Area = Annotated[float, within(0.1, 1e5)]
+Outlet = Annotated[float, within(1e-4, 1e3)]
+Volt = Annotated[float, within(0.0, 10.0)]
+PumpGain = Annotated[float, within(0.01, 1e3)]
+Share = Annotated[float, within(0.0, 1.0)]
+
+
+class SettingsError(ValueError):
+    """A settings file is missing, not TOML, or holds something that is not allowed."""
+
+
+class TankSettings(Table):
+    """Tanks 1, 2 (lower), 3, 4 (upper), after eq. (1) of Hajiani and Poshtan (2012)."""
+
+    area_cm2: Annotated[tuple[Area, Area, Area, Area], listed(4)]
+    outlet_cm2: Annotated[tuple[Outlet, Outlet, Outlet, Outlet], listed(4)]
+    height_cm: Annotated[float, within(1.0, 1e3)]
+    gravity_cm_s2: Annotated[float, within(1.0, 1e4)]
+    start_V: Annotated[tuple[Volt, Volt], listed(2)]
+    hold_until_run: bool
+
+
+class PumpSettings(Table):
+    """Two pumps with their valves, and the converter that drives them (range 0 .. 10 V)."""
+
+    gain_cm3_Vs: Annotated[tuple[PumpGain, PumpGain], listed(2)]
+    valve_split: Annotated[tuple[Share, Share], listed(2)]
+    lag_s: Annotated[float, within(0.0, 60.0)]
+    dac_bits: Annotated[int, one_of(0, 8, 10, 12, 14, 16)]
+
+
+class SensorSettings(Table):
+    """Level sensors and the converter that reads them (range 0 .. 10.24 V)."""
+
+    gain_V_cm: Annotated[float, within(0.01, 10.0)]
+    noise_V: Annotated[float, within(0.0, 1.0)]
+    adc_bits: Annotated[int, one_of(0, 12, 16)]
+
+
+class NodeSettings(Table):
+    """Cycle times of the frames, watchdog time and boot time."""
+
+    levels_period_s: Annotated[float, within(0.001, 1.0)]
+    status_period_s: Annotated[float, within(0.001, 1.0)]
+    heartbeat_period_s: Annotated[float, within(0.01, 10.0)]
+    watchdog_s: Annotated[float, within(0.01, 10.0)]
+    boot_s: Annotated[float, within(0.0, 60.0)]
+
+
+class EmulatorSettings(Table):
+    """The whole of emulator.toml."""
+
+    tanks: TankSettings
+    pumps: PumpSettings
+    sensors: SensorSettings
+    nodes: NodeSettings
+
+
+_FAULTS = TypeAdapter(tuple[PumpEffectiveness, ...])
+
+
+def default_config_dir() -> Path:
+    """The config directory of a checkout, or the one that the wheel puts beside the package.
+
+    Raises SettingsError when there is neither.
+    """
+    beside = Path(__file__).resolve().parent.parent
+    for folder in (beside / "config", beside / "fourtank_config"):
+        if (folder / "bench.dbc").is_file():
+            return folder
+    raise SettingsError(f"{beside}: no config directory with a bench.dbc here; name one with --config")
+
+
+def load(emulator_toml: Path, scenario: Path | None = None) -> tuple[EmulatorSettings, tuple[Fault, ...]]:
+    """Read and check emulator.toml and, if given, the emulator's part of a scenario.
+
+    Raises SettingsError.
+    """
+    base = _read_toml(emulator_toml)
+    story = {} if scenario is None else _read_toml(scenario)
+    overlay = story.get("emulator", {})
+    if not isinstance(overlay, dict):
+        raise SettingsError(f"{scenario}: emulator = {overlay!r}: must be a table")
+    try:
+        settings = EmulatorSettings.model_validate(_merged(base, overlay))
+    except ValidationError as error:
+        path, what = _first(error)
+        if scenario is not None and _holds(overlay, path):
+            raise SettingsError(f"{scenario}: {_dotted(('emulator', *path))}{what}") from None
+        raise SettingsError(f"{emulator_toml}: {_dotted(path)}{what}") from None
+    _check_start(settings, scenario if "start_V" in overlay.get("tanks", {}) else emulator_toml)
+    return settings, _faults(story, scenario)
+
+
+def load_fingerprint(dbc: Path) -> int:
+    """CRC-32 of the wire contract, as the nodes' heartbeats carry it. Raises SettingsError."""
+    return contract_fingerprint(_read_text(dbc))
+
+
+def equilibrium_cm(settings: EmulatorSettings) -> tuple[float, float, float, float]:
+    """Levels at which constant pump voltages start_V hold the tanks: eq. (1) with all derivatives zero."""
+    tanks, pumps = settings.tanks, settings.pumps
+    q1, q2 = (k * v for k, v in zip(pumps.gain_cm3_Vs, tanks.start_V, strict=True))
+    g1, g2 = pumps.valve_split
+    upper3, upper4 = (1.0 - g2) * q2, (1.0 - g1) * q1
+    through = (g1 * q1 + upper3, g2 * q2 + upper4, upper3, upper4)
+    h = [(q / a) ** 2 / (2.0 * tanks.gravity_cm_s2) for q, a in zip(through, tanks.outlet_cm2, strict=True)]
+    return h[0], h[1], h[2], h[3]
+
+
+def _check_start(settings: EmulatorSettings, file: Path | None) -> None:
+    highest_cm = max(equilibrium_cm(settings))
+    if highest_cm > settings.tanks.height_cm:
+        start_V = list(settings.tanks.start_V)
+        raise SettingsError(
+            f"{file}: tanks.start_V = {start_V}: holds a level of {highest_cm:.2f} cm, "
+            f"which is outside 0 .. {settings.tanks.height_cm:g} cm"
+        )
+
+
+def _faults(story: dict[str, Any], scenario: Path | None) -> tuple[Fault, ...]:
+    entries = story.get("fault", [])
+    if not isinstance(entries, list):
+        raise SettingsError(f"{scenario}: fault = {entries!r}: must be an array of tables, [[fault]]")
+    try:
+        return _FAULTS.validate_python(tuple(entries))
+    except ValidationError as error:
+        path, what = _first(error)
+        raise SettingsError(f"{scenario}: {_dotted(('fault', *path))}{what}") from None
+
+
+def _read_text(file: Path) -> str:
+    try:
+        return file.read_text(encoding="utf-8")
+    except OSError as error:
+        raise SettingsError(f"{file}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise SettingsError(f"{file}: is not UTF-8 text (byte {error.start})") from None
+
+
+def _read_toml(file: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(_read_text(file))
+    except tomllib.TOMLDecodeError as error:
+        raise SettingsError(f"{file}: is not valid TOML: {error}") from None
+
+
+def _merged(base: dict[str, Any], overlay: dict[str, Any]) -> dict[str, Any]:
+    merged = dict(base)
+    for key, value in overlay.items():
+        below = merged.get(key)
+        are_tables = isinstance(below, dict) and isinstance(value, dict)
+        merged[key] = _merged(below, value) if are_tables else value  # type: ignore[arg-type]
+    return merged
+
+
+def _holds(table: Any, path: tuple[int | str, ...]) -> bool:
+    """Whether the value at path (or the table or list that it is missing from) stems from this table."""
+    for part in path:
+        if isinstance(table, list):
+            return True
+        if not isinstance(table, dict) or part not in table:
+            return False
+        table = table[part]
+    return True
+
+
+def _first(error: ValidationError) -> tuple[tuple[int | str, ...], str]:
+    """Key path of the first complaint, and the rest of its line."""
+    complaint = error.errors(include_url=False)[0]
+    kind = complaint["type"]
+    if kind == "missing":
+        return complaint["loc"], ": key is missing"
+    if kind == "extra_forbidden":
+        return complaint["loc"], f" = {complaint['input']!r}: unknown key"
+    message = "must be a table" if kind in ("model_type", "model_attributes_type") else complaint["msg"]
+    return complaint["loc"], f" = {complaint['input']!r}: {message[0].lower()}{message[1:]}"
+
+
+def _dotted(path: tuple[int | str, ...]) -> str:
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).lstrip(".")
