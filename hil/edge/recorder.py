@@ -1,0 +1,377 @@
+"""The recorder: what the control loop hands its steps, frames and events to.
+
+`Recorder` writes at once, in the caller's thread: for lockstep, where two runs with the same seed must give the same bytes.
+`QueuedRecorder` puts a bounded queue and one writer thread in front of it: for a live run, where nothing may hold up the
+loop. Both have the same methods and neither ever raises into the loop. A file that fails (a full disk, a lost mount) is
+given up and the others go on; `health()` says so at once, and `events.jsonl` and `run.json` keep it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Protocol, TextIO
+
+import can
+
+from hil.core.types import Event, Quad, Severity, TickRecord
+from hil.edge.run_folder import RunFolder, RunFolderError, Status
+
+_NO_LEVELS: Quad = (math.nan, math.nan, math.nan, math.nan)
+
+
+def _numbered(name: str, count: int) -> tuple[str, ...]:
+    return tuple(name.format(i + 1) for i in range(count))
+
+
+TRUTH_COLUMNS = _numbered("true_h{}_cm", 4)
+COLUMNS = (
+    "t_s", "mode",
+    *_numbered("h{}_V", 4), *_numbered("h{}_est_V", 4),
+    *_numbered("r{}_V", 2), *_numbered("target{}_V", 2),
+    *_numbered("v{}_operating_V", 2), *_numbered("v{}_raw_V", 2), *_numbered("v{}_V", 2), *_numbered("v{}_applied_V", 2),
+    *_numbered("theta{}", 2), *_numbered("q{}_Vs", 2),
+    *_numbered("K1{}", 6), *_numbered("K2{}", 6), *_numbered("iae{}_Vs", 2),
+    "levels_age_s", "status_age_s", "lateness_s", "skipped", "accepted", "rejected",
+    *TRUTH_COLUMNS,
+)  # fmt: skip
+_N_TRUTH = len(TRUTH_COLUMNS)
+_INTEGERS = frozenset({"mode", "skipped", "accepted", "rejected"})
+_NINE_DIGITS = frozenset({"t_s", *_numbered("h{}_V", 4), *_numbered("h{}_est_V", 4), *TRUTH_COLUMNS})
+
+
+def _number_format(column: str) -> str:
+    return "%d" if column in _INTEGERS else "%.9g" if column in _NINE_DIGITS else "%.6g"
+
+
+_KNOWN_LINE = ",".join(_number_format(column) for column in COLUMNS) + "\n"
+_UNKNOWN_LINE = ",".join(_number_format(column) for column in COLUMNS[:-_N_TRUTH]) + "," * _N_TRUTH + "\n"
+
+Row = tuple[float, ...]
+
+
+class Timeline(Protocol):
+    """A further record of the run beside the files, such as Rerun's. It may raise; the recorder then gives it up."""
+
+    def tick(self, row: Row) -> None:
+        """Take one step; `row` in the order of COLUMNS, NaN for true levels that are not known."""
+
+    def event(self, t_s: float, event: Event) -> None:
+        """Take one event."""
+
+    def flush(self) -> None:
+        """Bring what was taken to the disk; raises when that fails."""
+
+    def close(self) -> None:
+        """Flush and finalise."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecorderHealth:
+    """errors : what failed, one line each. dropped : entries lost from a full queue. waiting : entries in the queue."""
+
+    errors: tuple[str, ...] = ()
+    dropped: int = 0
+    waiting: int = 0
+
+    @property
+    def is_ok(self) -> bool:
+        """Whether everything so far is in the record or on its way there."""
+        return not self.errors and self.dropped == 0
+
+
+def tick_row(record: TickRecord, true_level_cm: Quad | None = None) -> Row:
+    """The step as a flat row in the order of COLUMNS."""
+    return (
+        record.t_s, record.mode,
+        *record.measured_V, *record.estimated_V, *record.reference_V, *record.target_V,
+        *record.operating_V, *record.raw_V, *record.command_V, *record.applied_V,
+        *record.effectiveness, *record.integral_Vs, *record.gain, *record.iae_Vs,
+        record.levels_age_s, record.status_age_s, record.lateness_s, record.skipped, record.accepted, record.rejected,
+        *(true_level_cm or _NO_LEVELS),
+    )  # fmt: skip
+
+
+def frame_line(timestamp_s: float, channel: str, message: can.Message) -> str:
+    """Any message in candump's format, the odd kinds too: extended, remote, error."""
+    direction = "R" if message.is_rx else "T"
+    if message.is_error_frame:
+        return f"({timestamp_s:.6f}) {channel} 20000080#\n"  # candump's mark of an error frame has no direction
+    frame_id = f"{message.arbitration_id:08X}" if message.is_extended_id else f"{message.arbitration_id:03X}"
+    content = f"R{message.dlc}" if message.is_remote_frame else message.data.hex().upper()
+    return f"({timestamp_s:.6f}) {channel} {frame_id}#{content} {direction}\n"
+
+
+def event_line(t_s: float, event: Event) -> str:
+    """The event as one line of JSON; numbers that JSON does not know (NaN, inf) become null."""
+    entry = {
+        "t_s": t_s,
+        "severity": str(event.severity),
+        "code": event.code,
+        "text": event.text,
+        "data": event.data,
+    }
+    try:
+        return json.dumps(entry, ensure_ascii=False, allow_nan=False) + "\n"
+    except (TypeError, ValueError):
+        return json.dumps(_plain(entry), ensure_ascii=False) + "\n"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if hasattr(value, "tolist"):  # numpy
+        return _plain(value.tolist())
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    return value if value is None or isinstance(value, (bool, int, str)) else str(value)
+
+
+class _Sink:
+    """A text file that is given up at its first error."""
+
+    def __init__(self, name: str, file: TextIO, on_failure: Callable[[str], None]) -> None:
+        self._name, self._file, self._on_failure = name, file, on_failure
+        self._is_open = True
+
+    def write(self, line: str) -> None:
+        if self._is_open:
+            try:
+                self._file.write(line)
+            except (OSError, ValueError) as error:
+                self._give_up(error)
+
+    def flush(self) -> None:
+        if self._is_open:
+            try:
+                self._file.flush()
+            except (OSError, ValueError) as error:
+                self._give_up(error)
+
+    def close(self) -> None:
+        self.flush()
+        if self._is_open:
+            self._is_open = False
+            self._file.close()
+
+    def _give_up(self, error: Exception) -> None:
+        self._is_open = False
+        with suppress(OSError, ValueError):
+            self._file.close()
+        self._on_failure(f"{self._name} is lost from here on: {error}")
+
+
+class Recorder:
+    """Writes steps, frames and events as they come, in the caller's thread. No method raises for what a disk does.
+
+    Not for use from several threads at once; `health` may be called from any.
+    """
+
+    def __init__(
+        self,
+        folder: RunFolder,
+        *,
+        ticks: TextIO,
+        frames: TextIO,
+        events: TextIO,
+        channel: str = "can0",
+        timeline: Timeline | None = None,
+    ) -> None:
+        self._folder = folder
+        self._channel = channel
+        self._errors: tuple[str, ...] = ()
+        self._timeline = timeline
+        self._t_s = 0.0
+        self._is_closed = False
+        self._ticks = _Sink(folder.ticks_path.name, ticks, self._note)
+        self._frames = _Sink(folder.can_log_path.name, frames, self._note)
+        self._events = _Sink(folder.events_path.name, events, self._note)
+        self._ticks.write(",".join(COLUMNS) + "\n")
+
+    @classmethod
+    def open(cls, folder: RunFolder, *, channel: str = "can0", timeline: Timeline | None = None) -> Recorder:
+        """A recorder into the folder's files. channel : the bus's name in can.log. Raises RunFolderError."""
+        paths = (folder.ticks_path, folder.can_log_path, folder.events_path)
+        try:
+            ticks, frames, events = (path.open("x", encoding="utf-8", newline="\n") for path in paths)
+        except OSError as error:
+            raise RunFolderError(f"cannot open the record in {folder.path}: {error.strerror}") from error
+        return cls(folder, ticks=ticks, frames=frames, events=events, channel=channel, timeline=timeline)
+
+    def tick(self, record: TickRecord, true_level_cm: Quad | None = None) -> None:
+        """Write one step and its events. true_level_cm : the emulator's levels, where they are known."""
+        self._t_s = record.t_s
+        row = tick_row(record, true_level_cm)
+        self._ticks.write(_UNKNOWN_LINE % row[:-_N_TRUTH] if true_level_cm is None else _KNOWN_LINE % row)
+        if self._timeline is not None:
+            self._try_timeline(self._timeline.tick, row)
+        for event in record.events:
+            self.event(record.t_s, event)
+
+    def frame(self, timestamp_s: float, arbitration_id: int, data: bytes | bytearray, is_rx: bool = True) -> None:
+        """Write one ordinary frame (11-bit id, data); the quick way."""
+        self._frames.write(
+            f"({timestamp_s:.6f}) {self._channel} {arbitration_id:03X}#{data.hex().upper()} {'R' if is_rx else 'T'}\n"
+        )
+
+    def message(self, timestamp_s: float, message: can.Message) -> None:
+        """Write any python-can message, the odd kinds too, at the given time."""
+        self._frames.write(frame_line(timestamp_s, self._channel, message))
+
+    def event(self, t_s: float, event: Event) -> None:
+        """Write one event and bring it to the disk."""
+        self._events.write(event_line(t_s, event))
+        self._events.flush()
+        if self._timeline is not None:
+            self._try_timeline(self._timeline.event, t_s, event)
+
+    def flush_files(self) -> None:
+        """Bring ticks and frames to the operating system."""
+        self._ticks.flush()
+        self._frames.flush()
+
+    def flush(self) -> None:
+        """Bring everything there, the timeline too."""
+        self.flush_files()
+        if self._timeline is not None:
+            self._try_timeline(self._timeline.flush)
+
+    def health(self) -> RecorderHealth:
+        """What has failed so far."""
+        return RecorderHealth(self._errors)
+
+    def close(self, status: Status, reason: str, *, speed_x: float | None = None, dropped: int = 0) -> None:
+        """Finish all files and write down how the run ended. A second call does nothing."""
+        if self._is_closed:
+            return
+        self._is_closed = True
+        if self._timeline is not None:
+            self._try_timeline(self._timeline.close)
+        for sink in (self._ticks, self._frames, self._events):
+            sink.close()
+        troubles = {"errors": list(self._errors), "dropped": dropped}
+        try:
+            self._folder.finish(status, reason, speed_x=speed_x, recorder=troubles)
+        except (OSError, RunFolderError) as error:
+            self._errors += (f"{self._folder.manifest_path.name} keeps the status running: {error}",)
+
+    def _try_timeline(self, call: Callable[..., None], *arguments: object) -> None:
+        try:
+            call(*arguments)
+        except Exception as error:  # noqa: BLE001 - whatever the viewer's library raises must not stop the loop
+            self._timeline = None
+            self._note(f"the timeline is lost from here on: {error}")
+
+    def _note(self, text: str) -> None:
+        self._errors += (text,)
+        self.event(self._t_s, Event(Severity.ERROR, "recorder_failed", text))
+
+
+class QueuedRecorder:
+    """A `Recorder` behind a bounded queue and a writer thread. No call waits, for a lock or for a disk.
+
+    When the queue is full its oldest entries are dropped and counted. A killed process loses what came within the last
+    `period_s`. Build, `start`, use from one thread, `close`.
+    """
+
+    def __init__(
+        self,
+        recorder: Recorder,
+        *,
+        capacity: int = 50_000,
+        period_s: float = 0.1,
+        flushes_per_timeline: int = 2,
+    ) -> None:
+        self._recorder = recorder
+        self._queue: deque[tuple[Callable[..., None], tuple[object, ...]]] = deque(maxlen=capacity)
+        self._put = self._taken = 0  # put by the loop's thread only, taken by the writer's only
+        self._period_s, self._flushes_per_timeline = period_s, flushes_per_timeline
+        self._rounds = 0
+        self._t_s = 0.0
+        self._failure: tuple[str, ...] = ()
+        self._has_noted_drop = False
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
+
+    def start(self) -> QueuedRecorder:
+        """Start the writer thread."""
+        self._thread.start()
+        return self
+
+    def tick(self, record: TickRecord, true_level_cm: Quad | None = None) -> None:
+        """Queue one step."""
+        self._t_s = record.t_s
+        self._append(self._recorder.tick, record, true_level_cm)
+
+    def frame(self, timestamp_s: float, arbitration_id: int, data: bytes | bytearray, is_rx: bool = True) -> None:
+        """Queue one ordinary frame; `data` must not change afterwards."""
+        self._append(self._recorder.frame, timestamp_s, arbitration_id, data, is_rx)
+
+    def message(self, timestamp_s: float, message: can.Message) -> None:
+        """Queue any python-can message."""
+        self._append(self._recorder.message, timestamp_s, message)
+
+    def event(self, t_s: float, event: Event) -> None:
+        """Queue one event."""
+        self._append(self._recorder.event, t_s, event)
+
+    def health(self) -> RecorderHealth:
+        """What has failed, was dropped, and waits."""
+        return RecorderHealth(self._recorder.health().errors + self._failure, self._dropped(), len(self._queue))
+
+    def drain(self) -> None:
+        """Write what is queued. The writer thread's work; call it only when that thread does not run."""
+        for _ in range(len(self._queue)):
+            try:
+                call, arguments = self._queue.popleft()
+            except IndexError:
+                break
+            self._taken += 1
+            call(*arguments)
+        dropped = self._dropped()
+        if dropped > 0 and not self._has_noted_drop:
+            self._has_noted_drop = True
+            text = f"the record has gaps: the queue was full, {dropped} entries dropped so far"
+            self._recorder.event(self._t_s, Event(Severity.WARNING, "record_dropped", text, {"dropped": dropped}))
+        self._rounds += 1
+        if self._rounds % self._flushes_per_timeline == 0:
+            self._recorder.flush()
+        else:
+            self._recorder.flush_files()
+
+    def close(self, status: Status, reason: str, *, speed_x: float | None = None, timeout_s: float = 10.0) -> None:
+        """Write out the queue and finish. Waits for the writer at most `timeout_s`; a stuck one is left behind."""
+        self._stop.set()
+        if self._thread.ident is not None:
+            self._thread.join(timeout_s)
+        if self._thread.is_alive():
+            self._failure += (f"the writer was stuck for {timeout_s:g} s and is left behind",)
+            return
+        if not self._failure:
+            self._drain_safely()
+        self._recorder.close(status, reason, speed_x=speed_x, dropped=self._dropped())
+
+    def _append(self, call: Callable[..., None], *arguments: object) -> None:
+        self._queue.append((call, arguments))
+        self._put += 1
+
+    def _dropped(self) -> int:
+        put = self._put  # read first: what comes in between may hide a drop for a moment, never invent one
+        return max(0, put - self._taken - len(self._queue))
+
+    def _work(self) -> None:
+        while not self._failure and not self._stop.wait(self._period_s):
+            self._drain_safely()
+
+    def _drain_safely(self) -> None:
+        try:
+            self.drain()
+        except Exception as error:  # noqa: BLE001 - the thread's border: it ends here, and health says why
+            self._failure += (f"the writer failed: {type(error).__name__}: {error}",)

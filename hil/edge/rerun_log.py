@@ -1,0 +1,272 @@
+"""The run as a Rerun recording, `run.rrd`: every series on the timeline `run_time`, with the layout it opens in.
+
+Rows are gathered and sent by columns, one chunk for each entity: some twenty times cheaper than single calls. What is drawn
+together shares an entity, because each chunk costs about 1.1 kB of file however few rows it has. A live run, which sends
+small chunks so that little is lost when it is killed, is compacted at its end.
+
+The file format is young; `ticks.csv`, `can.log` and `events.jsonl` are the primary record.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import rerun as rr
+import rerun.blueprint as rrb
+
+from hil.core.types import Event, Mode
+from hil.edge.recorder import COLUMNS, Row
+
+TIMELINE = "run_time"
+FLUSH_TIMEOUT_S = 2.0
+HEALTHY_FROM, DEAD_BELOW = 0.995, 0.05  # effectiveness
+
+# One look for the whole record: what is measured is pale, what is believed or done is dark, what is asked for is grey.
+INK, GREY, PALE = 0x2B3A4AFF, 0x8A97A6FF, 0xB9D3E8FF
+BLUE, ORANGE, GREEN, RED, PURPLE, AMBER = (
+    0x1F6FB2FF,
+    0xD1602BFF,
+    0x3A8F5CFF,
+    0xC0392BFF,
+    0x7B5AA6FF,
+    0xE0A526FF,
+)
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """Some columns of the tick table drawn together: entity path, columns, names with units, colours, widths in points."""
+
+    entity: str
+    columns: tuple[str, ...]
+    names: tuple[str, ...]
+    colors: tuple[int, ...]
+    widths: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class RunCard:
+    """What identifies the run: the title, its facts for the recording's properties, and a Markdown text."""
+
+    recording_id: str
+    facts: dict[str, str]
+    markdown: str
+
+
+def series(with_truth: bool) -> tuple[Series, ...]:
+    """All series of a recording. with_truth : whether the emulator's levels are known."""
+    listed = [_level(tank, with_truth) for tank in (1, 2, 3, 4)]
+    for pump in (1, 2):
+        columns = tuple(f"v{pump}_{kind}V" for kind in ("operating_", "raw_", "applied_", ""))
+        names = tuple(f"pump {pump} {kind} [V]" for kind in ("operating point", "raw", "applied", "command"))
+        listed.append(
+            Series(
+                f"pumps/pump{pump}",
+                columns,
+                names,
+                (GREY, AMBER, GREEN, BLUE if pump == 1 else ORANGE),
+                (1, 1, 2, 1.5),
+            )
+        )
+        gains = tuple(f"K{pump}{column}" for column in range(1, 7))
+        units = ("V/cm",) * 4 + ("1/s",) * 2
+        labels = tuple(f"{gain} [{unit}]" for gain, unit in zip(gains, units, strict=True))
+        listed.append(
+            Series(
+                f"control/gain_pump{pump}",
+                gains,
+                labels,
+                (BLUE, ORANGE, GREEN, PURPLE, INK, GREY),
+                (1.5,) * 6,
+            )
+        )
+    pairs = (
+        (
+            "pumps/effectiveness",
+            ("theta1", "theta2"),
+            ("pump 1 effectiveness [1]", "pump 2 effectiveness [1]"),
+        ),
+        ("control/integral", ("q1_Vs", "q2_Vs"), ("integral 1 [V s]", "integral 2 [V s]")),
+        ("control/iae", ("iae1_Vs", "iae2_Vs"), ("IAE so far, output 1 [V s]", "IAE so far, output 2 [V s]")),
+        ("bench/age", ("levels_age_s", "status_age_s"), ("age of levels [s]", "age of pump status [s]")),
+        ("bench/trouble", ("rejected", "skipped"), ("frames rejected", "periods skipped")),
+    )
+    listed += [Series(entity, columns, names, (BLUE, ORANGE), (1.5, 1.5)) for entity, columns, names in pairs]
+    listed.append(Series("bench/lateness", ("lateness_s",), ("lateness [s]",), (BLUE,), (1.5,)))
+    listed.append(Series("bench/accepted", ("accepted",), ("frames accepted",), (BLUE,), (1.5,)))
+    listed.append(Series("bench/mode", ("mode",), ("mode, as its number",), (INK,), (1.5,)))
+    return tuple(listed)
+
+
+def _level(tank: int, with_truth: bool) -> Series:
+    parts = [(f"h{tank}_V", "measured", PALE, 1.0)]
+    if with_truth:
+        parts.append((f"true_h{tank}_cm", "true", GREEN, 1.5))
+    parts.append((f"h{tank}_est_V", "estimate", BLUE, 1.5))
+    if tank <= 2:
+        parts += [(f"r{tank}_V", "asked for", GREY, 1.5), (f"target{tank}_V", "in force", INK, 1.5)]
+    columns, kinds, colors, widths = zip(*parts, strict=True)
+    return Series(f"levels/tank{tank}", columns, tuple(f"h{tank} {kind} [V]" for kind in kinds), colors, widths)
+
+
+class RerunLog:
+    """A `Timeline` for the recorder. Building it writes the static parts and may take half a second: do it before the loop.
+
+    batch_ticks : steps gathered before they are sent by themselves; `flush` sends what there is.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        card: RunCard,
+        *,
+        level_gain_V_cm: float,
+        with_truth: bool,
+        blueprint: rrb.Blueprint | None = None,
+        batch_ticks: int = 250,
+        compact_at_close: bool = False,
+    ) -> None:
+        self._path, self._batch_ticks, self._compact_at_close = path, batch_ticks, compact_at_close
+        self._to_V = np.array([level_gain_V_cm if column.startswith("true_h") else 1.0 for column in COLUMNS])
+        self._series = tuple(
+            (one.entity, [COLUMNS.index(column) for column in one.columns]) for one in series(with_truth)
+        )
+        self._rows: list[Row] = []
+        self._events: list[tuple[float, Event]] = []
+        self._states: dict[str, list[tuple[float, str]]] = {}
+        self._state_now: dict[str, str] = {}
+        self._recording = rr.RecordingStream("fourtank-hil", recording_id=card.recording_id)
+        self._recording.save(path, default_blueprint=blueprint)
+        self._log_static(card, with_truth)
+
+    def tick(self, row: Row) -> None:
+        """Take one step; see `hil.edge.recorder.Timeline`."""
+        self._rows.append(row)
+        if len(self._rows) >= self._batch_ticks:
+            self._send()
+
+    def event(self, t_s: float, event: Event) -> None:
+        """Take one event: a line of the log; alarms and trips become states, too."""
+        self._events.append((t_s, event))
+        if event.code == "alarm":
+            text = f"{event.data.get('kind')} {event.data.get('target')}"
+            earlier = self._states.get("states/alarm", [])
+            if earlier and earlier[-1][0] == t_s:
+                text = f"{earlier.pop()[1]} + {text}"
+            self._set_state("states/alarm", t_s, text)
+        elif event.code == "trip":
+            self._set_state("states/trip", t_s, str(event.data.get("cause")))
+
+    def flush(self) -> None:
+        """Send what was gathered and see it on its way to the disk; raises when the disk does not take it."""
+        self._send()
+        self._recording.flush(timeout_sec=FLUSH_TIMEOUT_S)
+
+    def close(self) -> None:
+        """Send the rest and finalise the file."""
+        self.flush()
+        self._recording.disconnect()
+        if self._compact_at_close:
+            compact(self._path)
+
+    def _log_static(self, card: RunCard, with_truth: bool) -> None:
+        for one in series(with_truth):
+            look = rr.SeriesLines(names=one.names, colors=np.array(one.colors, dtype=np.uint32), widths=one.widths)
+            self._recording.log(one.entity, look, static=True)
+        for entity, (values, labels, colors) in _STATES.items():
+            style = rr.StateConfiguration(values=values, labels=labels, colors=np.array(colors, dtype=np.uint32))
+            self._recording.log(entity, style, static=True)
+        self._recording.log("card", rr.TextDocument(card.markdown, media_type=rr.MediaType.MARKDOWN), static=True)
+        self._recording.send_property("run", rr.AnyValues(**card.facts))
+
+    def _send(self) -> None:
+        if self._rows:
+            table = np.array(self._rows) * self._to_V
+            self._rows.clear()
+            self._find_states(table)
+            times = _times(table[:, 0])
+            for entity, columns in self._series:
+                values = table[:, columns]
+                self._recording.send_columns(entity, [times], rr.Scalars.columns(scalars=values))
+        for entity, changes in self._states.items():
+            self._send_changes(entity, changes)
+        self._states.clear()
+        if self._events:
+            times = _times(np.array([t_s for t_s, _ in self._events]))
+            texts = [f"{event.code}: {event.text}" for _, event in self._events]
+            levels = [str(event.severity) for _, event in self._events]
+            self._events.clear()
+            self._recording.send_columns("log", [times], rr.TextLog.columns(text=texts, level=levels))
+
+    def _send_changes(self, entity: str, changes: Sequence[tuple[float, str]]) -> None:
+        times = _times(np.array([t_s for t_s, _ in changes]))
+        self._recording.send_columns(entity, [times], rr.StateChange.columns(state=[state for _, state in changes]))
+
+    def _find_states(self, table: Floats) -> None:
+        """Find where the mode and the pumps' health change; ends the trip's state when the mode is left."""
+        namings: tuple[tuple[str, str, Callable[[float], str]], ...] = (
+            ("states/mode", "mode", lambda value: Mode(int(value)).name),
+            ("states/pump1", "theta1", _pump_state),
+            ("states/pump2", "theta2", _pump_state),
+        )
+        for entity, column, naming in namings:
+            values = table[:, COLUMNS.index(column)]
+            starts = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)
+            for index in starts:
+                self._set_state(entity, float(table[index, 0]), naming(float(values[index])))
+        for entity, state in (("states/alarm", "none"), ("states/trip", "none")):
+            if entity not in self._state_now:
+                self._states.setdefault(entity, []).insert(0, (float(table[0, 0]), state))
+                self._state_now[entity] = state
+
+    def _set_state(self, entity: str, t_s: float, state: str) -> None:
+        if self._state_now.get(entity) != state:
+            self._state_now[entity] = state
+            self._states.setdefault(entity, []).append((t_s, state))
+
+
+_PUMP_STATES = (("nominal", "reduced", "dead"), ("nominal", "reduced", "dead"), (GREEN, AMBER, RED))
+_STATES: dict[str, tuple[tuple[str, ...], tuple[str, ...], tuple[int, ...]]] = {
+    "states/mode": (
+        tuple(mode.name for mode in Mode),
+        tuple(mode.name.lower() for mode in Mode),
+        (GREY, PALE, GREEN, AMBER, PURPLE, RED),
+    ),
+    "states/pump1": _PUMP_STATES,
+    "states/pump2": _PUMP_STATES,
+    "states/alarm": (("none",), ("no alarm",), (GREY,)),
+    "states/trip": (("none",), ("no trip",), (GREY,)),
+}
+
+
+def _pump_state(effectiveness: float) -> str:
+    if effectiveness >= HEALTHY_FROM:
+        return "nominal"
+    return "dead" if effectiveness < DEAD_BELOW else "reduced"
+
+
+def _times(times_s: Floats) -> rr.TimeColumn:
+    nanoseconds = np.round(times_s * 1e9).astype("timedelta64[ns]")
+    return rr.TimeColumn(TIMELINE, duration=nanoseconds)
+
+
+def compact(path: Path, timeout_s: float = 60.0) -> None:
+    """Merge the file's small chunks with Rerun's own tool; a killed run's file becomes a whole one by it, too.
+
+    Raises OSError or subprocess.SubprocessError; the file is then as it was.
+    """
+    merged = path.with_name(f".{path.name}.tmp")
+    command = [sys.executable, "-m", "rerun_cli", "rrd", "optimize", str(path), "-o", str(merged)]
+    try:
+        subprocess.run(command, check=True, capture_output=True, timeout=timeout_s)  # noqa: S603 - our own paths
+        merged.replace(path)
+    finally:
+        merged.unlink(missing_ok=True)

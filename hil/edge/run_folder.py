@@ -1,0 +1,230 @@
+"""A run's folder: which files it has, and `run.json`, which says what was run and how it ended.
+
+A folder is written once. `create` refuses a path that exists, so that no run ever overwrites another. `run.json` is there
+from the first moment with status "running" and is replaced as a whole at the end; a run that was killed therefore keeps
+"running", which readers take for "interrupted". All other files are appended to while the run goes on:
+
+    run.json      what was run, with copies of its configuration     can.log    every frame, in candump's format
+    ticks.csv     one line for each control step                     run.rrd    the same for the Rerun viewer
+    events.jsonl  one line for each event                            kpi.json, report.html   made afterwards
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import hil
+
+Status = Literal["running", "complete", "stopped", "tripped", "failed"]
+RunMode = Literal["lockstep", "live"]
+
+FORMAT = 1
+LIBRARIES = ("numpy", "python-can", "rerun-sdk")
+
+
+class RunFolderError(Exception):
+    """A run folder cannot be made, read or understood."""
+
+
+class RunFolderExistsError(RunFolderError, FileExistsError):
+    """The path is taken. Nothing was written."""
+
+
+class NoRunFolderError(RunFolderError, FileNotFoundError):
+    """There is no run folder at the path."""
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A stretch of the run over which the errors are summed up: [from_s, to_s] in run time."""
+
+    name: str
+    from_s: float
+    to_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class RunPlan:
+    """What is known of a run before its first step.
+
+    settings : the merged settings as JSON-ready values, `{"rig": {...}, "scenario": {...}, ...}`; the review reads
+    `rig.sensors.gain_V_cm` from it. copies : file name -> full text of each configuration file that went in.
+    """
+
+    scenario: str
+    mode: RunMode
+    seed: int | None
+    period_s: float
+    windows: tuple[Window, ...] = ()
+    reconfigure: bool = True
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    copies: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Manifest:
+    """The content of `run.json`. Times are ISO 8601 in UTC; `recorder` has the recorder's own troubles, if any."""
+
+    plan: RunPlan
+    status: Status
+    reason: str
+    started_utc: str
+    ended_utc: str | None
+    versions: Mapping[str, str]
+    speed_x: float | None = None
+    recorder: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def outcome(self) -> str:
+        """The status for people: a run whose end was never written down was interrupted."""
+        return "interrupted" if self.status == "running" else self.status
+
+    def to_json(self) -> str:
+        """As the text of `run.json`."""
+        head = {"format": FORMAT, **asdict(self)}
+        plan = head.pop("plan")
+        return json.dumps({**head, **plan}, indent=2, ensure_ascii=False) + "\n"
+
+    @classmethod
+    def from_json(cls, text: str) -> Manifest:
+        """The manifest in a `run.json`; raises RunFolderError when it is not one."""
+        try:
+            raw = json.loads(text)
+            if raw["format"] != FORMAT:
+                raise RunFolderError(f"run.json has format {raw['format']}, this program reads {FORMAT}")
+            if raw["status"] not in get_args(Status):
+                raise RunFolderError(f"run.json has the unknown status {raw['status']!r}")
+            plan = {name: raw.pop(name) for name in RunPlan.__dataclass_fields__}
+            windows = tuple(Window(**window) for window in plan.pop("windows"))
+            del raw["format"]
+            return cls(plan=RunPlan(windows=windows, **plan), **raw)
+        except (ValueError, KeyError, TypeError) as error:
+            raise RunFolderError(f"run.json is not a run's manifest: {error}") from error
+
+
+@dataclass(frozen=True, slots=True)
+class RunFolder:
+    """The paths of one run's files, and its manifest."""
+
+    path: Path
+
+    @classmethod
+    def create(cls, path: Path, plan: RunPlan, started: datetime | None = None) -> RunFolder:
+        """Make the folder and its `run.json`.
+
+        Raises RunFolderExistsError (a FileExistsError) when the path is taken, RunFolderError when it cannot be made.
+        """
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.mkdir()
+        except FileExistsError as error:
+            message = f"{path} exists already; a run never overwrites another, name a new folder"
+            raise RunFolderExistsError(message) from error
+        except OSError as error:
+            raise RunFolderError(f"cannot make the run folder {path}: {error.strerror}") from error
+        folder = cls(path)
+        folder._write_manifest(Manifest(plan, "running", "", _utc(started), None, versions()))
+        return folder
+
+    @classmethod
+    def open(cls, path: Path) -> RunFolder:
+        """The run folder at `path`, for reading; raises NoRunFolderError when there is no `run.json` in it."""
+        folder = cls(path)
+        if not folder.manifest_path.is_file():
+            raise NoRunFolderError(f"{path} is not a run folder: it has no run.json")
+        return folder
+
+    @property
+    def manifest_path(self) -> Path:
+        """What was run and how it ended."""
+        return self.path / "run.json"
+
+    @property
+    def can_log_path(self) -> Path:
+        """Every frame, in candump's format."""
+        return self.path / "can.log"
+
+    @property
+    def ticks_path(self) -> Path:
+        """One line for each control step."""
+        return self.path / "ticks.csv"
+
+    @property
+    def events_path(self) -> Path:
+        """One JSON object a line for each event."""
+        return self.path / "events.jsonl"
+
+    @property
+    def rrd_path(self) -> Path:
+        """The recording for the Rerun viewer."""
+        return self.path / "run.rrd"
+
+    @property
+    def kpi_path(self) -> Path:
+        """The key figures."""
+        return self.path / "kpi.json"
+
+    @property
+    def report_path(self) -> Path:
+        """The report."""
+        return self.path / "report.html"
+
+    def manifest(self) -> Manifest:
+        """Read `run.json`; raises RunFolderError when it cannot be understood."""
+        return Manifest.from_json(self.manifest_path.read_text(encoding="utf-8"))
+
+    def finish(
+        self,
+        status: Status,
+        reason: str,
+        *,
+        ended: datetime | None = None,
+        speed_x: float | None = None,
+        recorder: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Write down how the run ended. speed_x : scenario seconds per wall second."""
+        before = self.manifest()
+        self._write_manifest(
+            replace(
+                before,
+                status=status,
+                reason=reason,
+                ended_utc=_utc(ended),
+                speed_x=before.speed_x if speed_x is None else speed_x,
+                recorder=dict(recorder or before.recorder),
+            )
+        )
+
+    def _write_manifest(self, manifest: Manifest) -> None:
+        write_atomically(self.manifest_path, manifest.to_json())
+
+
+def write_atomically(path: Path, text: str) -> None:
+    """Replace the file as a whole: a reader, or a crash at any moment, sees the old text or the new one."""
+    temporary = path.with_name(f".{path.name}.tmp")
+    with temporary.open("w", encoding="utf-8", newline="\n") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    temporary.replace(path)
+
+
+def versions() -> dict[str, str]:
+    """Versions of what the numbers depend on: this program, Python and the libraries; nothing of the machine."""
+    return {
+        "hil": hil.__version__,
+        "python": platform.python_version(),
+        **{name: metadata.version(name) for name in LIBRARIES},
+    }
+
+
+def _utc(moment: datetime | None) -> str:
+    return (moment or datetime.now(UTC)).astimezone(UTC).isoformat(timespec="milliseconds")

@@ -1,0 +1,90 @@
+"""`ticks.csv` and `events.jsonl` read back. Both may end in half a line when the run was killed; that line is left out."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hil.edge.run_folder import RunFolder, RunFolderError
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Ticks:
+    """The tick table as columns; each an (n,) array, read-only. Empty cells are NaN."""
+
+    columns: Mapping[str, Floats]
+
+    def __len__(self) -> int:
+        return len(self.columns["t_s"])
+
+    def __getitem__(self, column: str) -> Floats:
+        return self.columns[column]
+
+    def stack(self, *columns: str) -> Floats:
+        """Several columns side by side, (n, len(columns))."""
+        return np.column_stack([self.columns[column] for column in columns])
+
+    @property
+    def has_truth(self) -> bool:
+        """Whether the true levels are known at every step."""
+        return len(self) > 0 and bool(np.isfinite(self.stack(*(f"true_h{tank}_cm" for tank in (1, 2, 3, 4)))).all())
+
+
+@dataclass(frozen=True, slots=True)
+class LoggedEvent:
+    """One line of `events.jsonl`."""
+
+    t_s: float
+    severity: str
+    code: str
+    text: str
+    data: Mapping[str, Any]
+
+
+def read_ticks(path: Path) -> Ticks:
+    """Read a tick table; raises RunFolderError when it is missing or is not one."""
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise RunFolderError(f"cannot read {path}: {error.strerror}") from error
+    whole = raw[: raw.rfind(b"\n") + 1]  # what follows the last line end was cut off by a kill
+    header, _, body = whole.decode("utf-8").partition("\n")
+    names = header.split(",")
+    if "t_s" not in names:
+        raise RunFolderError(f"{path} is not a tick table: it has no column t_s")
+    try:
+        values = np.genfromtxt(io.StringIO(body), delimiter=",", ndmin=2) if body else np.empty((0, len(names)))
+    except ValueError as error:
+        raise RunFolderError(f"{path} is damaged: {error}") from error
+    if values.shape[1] != len(names):
+        raise RunFolderError(f"{path} is damaged: {len(names)} columns named, {values.shape[1]} there")
+    values.setflags(write=False)
+    return Ticks(dict(zip(names, values.T, strict=True)))
+
+
+def read_events(path: Path) -> tuple[LoggedEvent, ...]:
+    """Read the events; a missing file has none, raises RunFolderError for a line that is not an event."""
+    if not path.is_file():
+        return ()
+    events: list[LoggedEvent] = []
+    lines = path.read_text(encoding="utf-8", errors="replace").split("\n")
+    for number, line in enumerate(lines[:-1], start=1):
+        try:
+            events.append(LoggedEvent(**json.loads(line)))
+        except (ValueError, TypeError) as error:
+            raise RunFolderError(f"{path}, line {number} is not an event: {error}") from error
+    return tuple(events)
+
+
+def read(folder: RunFolder) -> tuple[Ticks, tuple[LoggedEvent, ...]]:
+    """A run's ticks and events."""
+    return read_ticks(folder.ticks_path), read_events(folder.events_path)
