@@ -1,7 +1,7 @@
-"""Validators for settings: each refuses a wrong type, a value that is not finite or out of range, and says the range.
+"""Validators for settings: each refuses a wrong type or a value out of range, and says the range.
 
-They are used as ``Annotated[float, within(0.0, 10.0)]``. TOML knows lists only, so `listed` turns a list into the
-tuple that a frozen record keeps.
+They are used as ``Annotated[float, within(0.0, 10.0)]``. TOML knows lists only, so `listed` turns a list
+into the tuple that a frozen record keeps.
 """
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict
@@ -15,7 +15,7 @@ class Table(BaseModel):
 
 
 def within(low: float, high: float) -> BeforeValidator:
-    """A finite number in low .. high, both ends included (NaN lies in no range)."""
+    """Accept a finite number in low .. high, both ends included (NaN lies in no range)."""
     allowed = {"low": f"{low:g}", "high": f"{high:g}"}
 
     def check(value: object) -> float:
@@ -29,7 +29,7 @@ def within(low: float, high: float) -> BeforeValidator:
 
 
 def one_of(*choices: int) -> BeforeValidator:
-    """One of a few whole numbers."""
+    """Accept one of a few whole numbers."""
     allowed = {"choices": ", ".join(str(choice) for choice in choices)}
 
     def check(value: object) -> int:
@@ -41,7 +41,7 @@ def one_of(*choices: int) -> BeforeValidator:
 
 
 def listed(length: int) -> BeforeValidator:
-    """A list of exactly `length` entries."""
+    """Accept a list of exactly `length` entries."""
 
     def check(value: object) -> tuple[object, ...]:
         if not isinstance(value, list | tuple) or len(value) != length:

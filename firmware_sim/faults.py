@@ -1,8 +1,9 @@
 """Scheduled faults: what is wrong with the rig, from when on and until when, in scenario time.
 
-Scenario time starts (t = 0) when the pump node first enters run. A kind of fault is one frozen table with an
-`apply` method that writes into `Effects`; plant and nodes read `Effects` and know nothing of schedules. Of two
-faults that set the same thing, the one that began later holds; when it ends, the earlier one holds again.
+Scenario time starts (t = 0) when the pump node first enters run. A kind of fault is one frozen table with
+an `apply` method that writes into `Effects`; plant and nodes read `Effects` and know nothing of schedules.
+Of two faults that set the same thing, the one that began later holds; when it ends, the earlier one holds
+again.
 """
 
 from dataclasses import dataclass, field

@@ -1,8 +1,11 @@
 """Level node: reads four level sensors and sends them as voltages.
 
-A sensor gives gain * level plus white noise. The node's converter covers 0 .. 10.24 V; a signal below or above that
-is clipped and its channel says so. The node boots for boot_s, sending heartbeats only, and then runs.
+A sensor gives gain * level plus white noise. The node's converter covers 0 .. 10.24 V; a signal below or
+above that is clipped and its channel says so. The node boots for boot_s, sending heartbeats only, and then
+runs.
 """
+
+from collections.abc import Callable
 
 import numpy as np
 
@@ -24,19 +27,27 @@ ADC_RANGE_V = 10.24
 NOISE_BLOCK = 1024
 
 Quad = tuple[float, float, float, float]
+Converter = Callable[[float], tuple[float, ChannelStatus]]
 
 
-def converted(signal_V: float, bits: int) -> tuple[float, ChannelStatus]:
-    """What a converter over 0 .. 10.24 V (codes 0 .. 2**bits - 1; 0 bits: no steps) makes of a signal."""
-    if signal_V < 0.0:
-        return 0.0, ChannelStatus.UNDER_RANGE
-    status = ChannelStatus.OK
-    if signal_V > ADC_RANGE_V:
-        signal_V, status = ADC_RANGE_V, ChannelStatus.OVER_RANGE
-    if bits == 0:
-        return signal_V, status
-    codes = 1 << bits
-    return min(round(signal_V / ADC_RANGE_V * codes), codes - 1) * (ADC_RANGE_V / codes), status
+def converter(bits: int) -> Converter:
+    """Build a converter over 0 .. 10.24 V with codes 0 .. 2**bits - 1 (0 bits: no steps).
+
+    It turns a signal in V into a reading in V and a status.
+    """
+    top = (1 << bits) - 1
+    step_V = ADC_RANGE_V / (top + 1)
+    ok, under, over = ChannelStatus.OK, ChannelStatus.UNDER_RANGE, ChannelStatus.OVER_RANGE
+    highest_V = ADC_RANGE_V if bits == 0 else top * step_V
+
+    def convert(signal_V: float) -> tuple[float, ChannelStatus]:
+        if signal_V < 0.0:
+            return 0.0, under
+        if signal_V > highest_V:
+            return highest_V, over if signal_V > ADC_RANGE_V else ok
+        return (signal_V if bits == 0 else round(signal_V / step_V) * step_V), ok
+
+    return convert
 
 
 class LevelNode:
@@ -45,7 +56,7 @@ class LevelNode:
     def __init__(self, settings: EmulatorSettings, seed: int, fingerprint: int, observer: Observer) -> None:
         self._gain_V_cm = settings.sensors.gain_V_cm
         self._noise_V = settings.sensors.noise_V
-        self._bits = settings.sensors.adc_bits
+        self._convert = converter(settings.sensors.adc_bits)
         self._boot_end_ns = round(settings.nodes.boot_s * NS_PER_S)
         self._fingerprint = fingerprint
         self._observer = observer
@@ -68,17 +79,17 @@ class LevelNode:
             self._report(now_ns, "booted")
 
     def power_off(self, now_ns: int) -> None:
-        """Stop; always reported."""
+        """Stop for good and report it in any case."""
         self.state = NodeState.READY
         self._report(now_ns, "shutdown")
 
     def levels(self, levels_cm: Quad) -> tuple[bytes, bytes]:
         """Payloads of the next LowerLevels and UpperLevels frames."""
-        gain, bits = self._gain_V_cm, self._bits
+        gain, convert = self._gain_V_cm, self._convert
         h1, h2, h3, h4 = levels_cm
         n1, n2, n3, n4 = self._next_noise()
-        (v1, s1), (v2, s2) = converted(gain * h1 + n1, bits), converted(gain * h2 + n2, bits)
-        (v3, s3), (v4, s4) = converted(gain * h3 + n3, bits), converted(gain * h4 + n4, bits)
+        (v1, s1), (v2, s2) = convert(gain * h1 + n1), convert(gain * h2 + n2)
+        (v3, s3), (v4, s4) = convert(gain * h3 + n3), convert(gain * h4 + n4)
         counter = self._levels_counter
         self._levels_counter = (counter + 1) % COUNTER_MODULUS
         return (

@@ -4,14 +4,15 @@ Rules
 - boot     0 V. Frames are not taken (rejected: boot). After boot_s: ready.
 - ready    0 V. An accepted command with Enable = 1: run. Enable = 0: stays.
 - run      puts out the commands of every accepted frame with Enable = 1. Enable = 0: 0 V, ready, no trip.
-           No accepted command for watchdog_s: 0 V and tripped, cause watchdog, at the very nanosecond of the deadline.
+           No accepted command for watchdog_s: 0 V and tripped, cause watchdog, at the very nanosecond of
+           the deadline.
 - tripped  0 V, latched. Commands are accepted and echoed but change nothing, until one with ClearTrip = 1,
            Enable = 0 and both commands at 0 V: ready.
 - power-off (from anywhere): 0 V; run becomes ready, tripped stays tripped.
 
-A command is accepted if it is intact and in range (see wire.parse_command) and its counter is 1 to 8 steps after the
-last accepted one. If none was accepted yet, or for longer than watchdog_s, any counter will do. A rejected frame
-changes nothing and is counted by cause.
+A command is accepted if it is intact and in range (see wire.parse_command) and its counter is 1 to 8 steps
+after the last accepted one. If none was accepted yet, or for longer than watchdog_s, any counter will do. A
+rejected frame changes nothing and is counted by cause.
 """
 
 from collections import Counter
@@ -55,7 +56,7 @@ Observer = Callable[[Change], None]
 
 
 def quantised(voltage_V: float, bits: int) -> float:
-    """Nearest output of a converter over 0 .. 10 V whose highest code gives exactly 10 V; 0 bits: any voltage."""
+    """Nearest output of a converter over 0 .. 10 V whose highest code gives 10 V; 0 bits: no steps."""
     if bits == 0:
         return voltage_V
     top = (1 << bits) - 1
@@ -119,7 +120,7 @@ class PumpNode:
         return None
 
     def power_off(self, now_ns: int) -> None:
-        """Outputs to 0 V for good; always reported."""
+        """Put the outputs at 0 V for good and report it in any case."""
         self.applied_V = OFF_V
         if self.state is NodeState.RUN:
             self.state = NodeState.READY
@@ -168,5 +169,3 @@ class PumpNode:
 
     def _report(self, now_ns: int, cause: str) -> None:
         self._observer(Change(now_ns, "pump", self.state, self.applied_V, cause))
-
-

@@ -1,9 +1,9 @@
 """The whole rig on an integer-nanosecond clock that is handed in: tanks, pump node, level node and faults.
 
-Time starts at 0 with the power-up of both nodes. Everything that happens by itself happens at its own due time, in
-this order where times are equal: nodes' own events (end of boot, watchdog), faults, level frames, status,
-heartbeats. A frame from outside that comes at the very nanosecond of such an event comes after it. Results do not
-depend on how `advance` cuts time into pieces, nor on who asks for the truth.
+Time starts at 0 with the power-up of both nodes. Everything that happens by itself happens at its own due
+time, in this order where times are equal: nodes' own events (end of boot, watchdog), faults, level frames,
+status, heartbeats. A frame from outside that comes at the very nanosecond of such an event comes after it.
+Results do not depend on how `advance` cuts time into pieces, nor on who asks for the truth.
 """
 
 from dataclasses import dataclass
@@ -26,6 +26,7 @@ from firmware_sim.wire import (
 )
 
 Frame = Message
+NEVER_NS = 1 << 63
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +72,7 @@ class Rig:
         self._start_ns: int | None = None
         self._input_V = self.pump.applied_V
         self._outbox: list[Frame] = []
+        self._rare_ns = self._next_rare_ns()
 
     @property
     def now_ns(self) -> int:
@@ -85,17 +87,13 @@ class Rig:
     @property
     def next_event_ns(self) -> int:
         """Due time of the next thing that happens by itself."""
-        due_ns = min(self._levels_ns, self._status_ns, self._heartbeat_ns)
-        for other_ns in (self.pump.next_event_ns, self.level.next_event_ns, self._faults.next_ns):
-            if other_ns is not None and other_ns < due_ns:
-                due_ns = other_ns
-        return due_ns
+        return min(self._levels_ns, self._status_ns, self._heartbeat_ns, self._rare_ns)
 
     def advance(self, to_ns: int) -> list[Frame]:
         """Let everything happen that is due up to and including to_ns.
 
-        Returns the frames that were sent since the last call, each with its own time in seconds. Raises ValueError
-        if to_ns lies in the past.
+        Returns the frames that were sent since the last call, each with its own time in seconds. Raises
+        ValueError if to_ns lies in the past.
         """
         self._catch_up(to_ns)
         sent, self._outbox = self._outbox, []
@@ -110,6 +108,7 @@ class Rig:
         rejection = self.pump.receive(frame, now_ns)
         if rejection is None:
             self._follow_pump(now_ns)
+            self._rare_ns = self._next_rare_ns()
         return rejection
 
     def power_off(self, now_ns: int) -> None:
@@ -118,9 +117,10 @@ class Rig:
         self.pump.power_off(now_ns)
         self.level.power_off(now_ns)
         self._follow_pump(now_ns)
+        self._rare_ns = self._next_rare_ns()
 
     def truth(self) -> Truth:
-        """The state of the rig at `now_ns`."""
+        """Return the state of the rig at `now_ns`."""
         tanks = self._tanks.copy()
         if not self._is_held:
             dt_s = (self._now_ns - self._tanks_ns) / NS_PER_S
@@ -146,13 +146,8 @@ class Rig:
         self._now_ns = to_ns
 
     def _happen(self, now_ns: int) -> None:
-        self.pump.run_event(now_ns)
-        self.level.run_event(now_ns)
-        self._follow_pump(now_ns)
-        fault_ns = self._faults.next_ns
-        if fault_ns is not None and fault_ns <= now_ns:
-            self._move_tanks(now_ns)
-            self._faults.advance(now_ns)
+        if self._rare_ns <= now_ns:
+            self._happen_rarely(now_ns)
         if self._levels_ns <= now_ns:
             self._levels_ns += self._levels_period_ns
             self._send_levels(now_ns)
@@ -163,6 +158,21 @@ class Rig:
             self._heartbeat_ns += self._heartbeat_period_ns
             self._send(PUMP_HEARTBEAT_ID, self.pump.heartbeat(), now_ns)
             self._send(LEVEL_HEARTBEAT_ID, self.level.heartbeat(), now_ns)
+
+    def _happen_rarely(self, now_ns: int) -> None:
+        self.pump.run_event(now_ns)
+        self.level.run_event(now_ns)
+        self._follow_pump(now_ns)
+        fault_ns = self._faults.next_ns
+        if fault_ns is not None and fault_ns <= now_ns:
+            self._move_tanks(now_ns)
+            self._faults.advance(now_ns)
+        self._rare_ns = self._next_rare_ns()
+
+    def _next_rare_ns(self) -> int:
+        """Due time of the next change of a node's state or of a fault; NEVER_NS if none is to come."""
+        due_ns = (self.pump.next_event_ns, self.level.next_event_ns, self._faults.next_ns)
+        return min((time_ns for time_ns in due_ns if time_ns is not None), default=NEVER_NS)
 
     def _follow_pump(self, now_ns: int) -> None:
         """Hand the pump node's outputs on to the tanks, and start the scenario at its first run."""
@@ -188,8 +198,4 @@ class Rig:
             self._send(UPPER_LEVELS_ID, upper, now_ns)
 
     def _send(self, can_id: int, payload: bytes, now_ns: int) -> None:
-        self._outbox.append(
-            Message(
-                timestamp=now_ns / NS_PER_S, arbitration_id=can_id, is_extended_id=False, data=payload, is_rx=False
-            )
-        )
+        self._outbox.append(Message(now_ns / NS_PER_S, can_id, is_extended_id=False, data=payload, is_rx=False))

@@ -1,4 +1,4 @@
-"""Settings of the emulator: emulator.toml, overridden by a scenario's [emulator] table, and its [[fault]] list.
+"""Settings of the emulator: emulator.toml, overridden by a scenario's [emulator] table, and [[fault]]s.
 
 Everything is checked on loading; every error is one line with file, key, value and what is allowed.
 """
@@ -75,7 +75,7 @@ _FAULTS = TypeAdapter(tuple[PumpEffectiveness, ...])
 
 
 def default_config_dir() -> Path:
-    """The config directory of a checkout, or the one that the wheel puts beside the package.
+    """Return the config directory of a checkout, or the one that the wheel puts beside the package.
 
     Raises SettingsError when there is neither.
     """

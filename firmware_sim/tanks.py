@@ -8,9 +8,9 @@ State: levels h1 .. h4 in cm (1, 2 lower; 3 drains into 1, 4 into 2) and flow vo
     A4 h4' = -a4 sqrt(2 g h4) + (1 - gamma1) k1 e1 w1
     lag w' = v - w
 
-v is the voltage at the pump's terminals, e its effectiveness (1: healthy). The lag is solved exactly for a constant
-v, the levels by the classical Runge-Kutta method. A tank that is full stays full and spills the rest out of the rig;
-an empty tank gives nothing. All volumes are counted with the weights of the integration, so that
+v is the voltage at the pump's terminals, e its effectiveness (1: healthy). The lag is solved exactly for a
+constant v, the levels by the classical Runge-Kutta method. A tank that is full stays full and spills the rest
+out of the rig; an empty tank gives nothing. Volumes are counted with the weights of the integration, so that
 
     pumped = drained + spilled + change of contents
 
@@ -53,7 +53,7 @@ def slopes_of(settings: EmulatorSettings) -> Slopes:
 
 
 class Tanks:
-    """Levels, flow voltages and volume counters; starts in the equilibrium of start_V with both pumps at rest."""
+    """Levels, flow voltages and volume counters; starts in the equilibrium of start_V, pumps at rest."""
 
     def __init__(self, settings: EmulatorSettings) -> None:
         self._settings = settings
@@ -74,10 +74,14 @@ class Tanks:
         return sum(area * level for area, level in zip(self._area_cm2, self.levels_cm, strict=True))
 
     def copy(self) -> "Tanks":
-        """A second plant in the same state."""
+        """Return a second plant in the same state."""
         twin = Tanks(self._settings)
         twin.levels_cm, twin.flow_V = self.levels_cm, self.flow_V
-        twin.pumped_cm3, twin.drained_cm3, twin.spilled_cm3 = self.pumped_cm3, self.drained_cm3, self.spilled_cm3
+        twin.pumped_cm3, twin.drained_cm3, twin.spilled_cm3 = (
+            self.pumped_cm3,
+            self.drained_cm3,
+            self.spilled_cm3,
+        )
         return twin
 
     def advance(self, dt_s: float, applied_V: tuple[float, float], effectiveness: list[float]) -> None:
@@ -133,7 +137,7 @@ class Tanks:
         return self.flow_V, middle, (v1 + (w1 - v1) * full, v2 + (w2 - v2) * full)
 
     def _bounded(self, h1: float, h2: float, h3: float, h4: float) -> tuple[float, float, float, float]:
-        """Keep levels in 0 .. height: what is above spills; what an empty tank gave too much is taken back below."""
+        """Keep levels in 0 .. height: what is above spills; what an empty tank gave too much is taken back."""
         A1, A2, A3, A4 = self._area_cm2
         if h3 < 0.0:
             h1, h3 = h1 + h3 * A3 / A1, 0.0

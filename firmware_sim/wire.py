@@ -1,7 +1,7 @@
-"""The frames of config/bench.dbc as a node's firmware handles them: fixed layouts, a CRC table, hand-written checks.
+"""The frames of config/bench.dbc as a node's firmware handles them: fixed layouts, a CRC table, own checks.
 
-All frames are classic CAN with 11-bit identifiers, little endian. The last byte is a CRC-8 with polynomial 0x2F,
-initial value and final XOR 0xFF (AUTOSAR's 8H2F), over DataId (low byte, high byte) and the payload before it.
+All frames are classic CAN with 11-bit identifiers, little endian. The last byte is a CRC-8 with polynomial
+0x2F, initial value and final XOR 0xFF (AUTOSAR's 8H2F), over DataId (low, high byte) and the payload before it.
 Voltages travel as whole multiples of 0.2 mV.
 """
 
@@ -103,7 +103,7 @@ def _crc_table() -> bytes:
 _TABLE = _crc_table()
 
 
-def _crc_over(register: int, data: bytes) -> int:
+def _crc_over(register: int, data: bytes | bytearray) -> int:
     table = _TABLE
     for byte in data:
         register = table[register ^ byte]
@@ -113,13 +113,13 @@ def _crc_over(register: int, data: bytes) -> int:
 _STARTS = {can_id: _crc_over(0xFF, struct.pack("<H", data_id)) for can_id, data_id in DATA_IDS.items()}
 
 
-def crc8(can_id: int, payload: bytes) -> int:
+def crc8(can_id: int, payload: bytes | bytearray) -> int:
     """CRC of a frame from its identifier and all payload bytes before the CRC byte."""
     return _crc_over(_STARTS[can_id], payload) ^ 0xFF
 
 
 def sealed(can_id: int, payload: bytes) -> bytes:
-    """The payload with its CRC byte behind it."""
+    """Return the payload with its CRC byte behind it."""
     return payload + bytes((crc8(can_id, payload),))
 
 
@@ -146,7 +146,7 @@ def pack_levels(
 
 
 def pack_heartbeat(can_id: int, state: NodeState, counter: int, boot_count: int, contract: int) -> bytes:
-    """A node's heartbeat: boot count 0 .. 65535, contract as a CRC-32."""
+    """Heartbeat of a node: boot count 0 .. 65535, contract as a CRC-32."""
     return sealed(can_id, _HEARTBEAT.pack(state | counter << 4, boot_count, contract))
 
 
@@ -190,7 +190,5 @@ def counter_verdict(counter: int, last: int) -> int | Rejection:
 
 
 def contract_fingerprint(dbc_text: str) -> int:
-    """CRC-32 of the contract: lines without trailing white space, joined by line feeds (none after the last)."""
+    """CRC-32 of the contract: lines without trailing white space, joined by line feeds, none at the end."""
     return zlib.crc32("\n".join(line.rstrip() for line in dbc_text.splitlines()).encode("utf-8"))
-
-

@@ -1,0 +1,162 @@
+"""Command firmware-sim: serve the emulated rig on a CAN bus, a TCP port or a pseudo-terminal.
+
+Exit codes: 0 after SIGTERM, SIGINT or SIGHUP; 1 if the service failed; 2 for bad input. Errors are one line on
+stderr. One line on stdout says when the rig is ready and where.
+"""
+
+import errno
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from firmware_sim.ports import Port
+    from firmware_sim.rig import Rig
+
+BAD_INPUT = 2
+FAILED = 1
+
+app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
+
+
+class UsageError(ValueError):
+    """What was asked for cannot be done."""
+
+
+@app.command()
+def serve(
+    slcan: Annotated[int | None, typer.Option(min=0, max=65535, help="TCP port on 127.0.0.1; 0: a free one.")] = None,
+    pty: Annotated[bool, typer.Option("--pty", help="Serve slcan on a pseudo-terminal.")] = False,
+    interface: Annotated[str | None, typer.Option("-i", "--interface", help="python-can interface.")] = None,
+    channel: Annotated[str | None, typer.Option("-c", "--channel", help="Channel of the interface.")] = None,
+    bitrate: Annotated[int | None, typer.Option("-b", "--bitrate", min=1, help="Bit rate in bit/s.")] = None,
+    scenario: Annotated[str | None, typer.Option(help="Scenario: a file, or a name in scenarios/.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the sensor noise.")] = 0,
+    record: Annotated[Path | None, typer.Option(help="New file for state and voltage changes (JSON lines).")] = None,
+    config: Annotated[Path | None, typer.Option(help="Directory with bench.dbc and emulator.toml.")] = None,
+) -> None:
+    """Emulate the four-tank rig: pump node, level node and tanks, in real time."""
+    from firmware_sim.record import ChangeRecord
+    from firmware_sim.rig import Rig
+    from firmware_sim.settings import default_config_dir, load, load_fingerprint
+
+    _check_transport(slcan, pty, interface, channel, bitrate)
+    folder = config if config is not None else default_config_dir()
+    settings, faults = load(folder / "emulator.toml", _scenario_file(folder, scenario))
+    fingerprint = load_fingerprint(folder / "bench.dbc")
+    try:
+        observer = None if record is None else ChangeRecord(record)
+    except OSError as error:
+        raise UsageError(f"--record {record}: {error.strerror}") from None
+    rig = Rig(settings, faults, seed, fingerprint, observer)
+    try:
+        if interface is not None:
+            _serve_bus(rig, interface, channel, bitrate)
+        else:
+            _serve_slcan(rig, slcan)
+    finally:
+        if observer is not None:
+            observer.close()
+
+
+def _check_transport(
+    slcan: int | None, pty: bool, interface: str | None, channel: str | None, bitrate: int | None
+) -> None:
+    if (slcan is not None) + pty + (interface is not None) != 1:
+        raise UsageError("give exactly one of --slcan, --pty and -i")
+    if interface is None and (channel is not None or bitrate is not None):
+        raise UsageError("-c and -b belong to -i")
+    if interface is not None and channel is None:
+        raise UsageError(f"-i {interface} needs a channel, -c")
+
+
+def _scenario_file(folder: Path, scenario: str | None) -> Path | None:
+    if scenario is None:
+        return None
+    named = folder / "scenarios" / f"{scenario}.toml"
+    return named if not Path(scenario).exists() and named.is_file() else Path(scenario)
+
+
+def _serve_slcan(rig: "Rig", tcp_port: int | None) -> None:
+    from firmware_sim.links import listen
+    from firmware_sim.ports import PtyPort, TcpPort
+
+    if tcp_port is None:
+        pty_port = PtyPort(rig)
+        _run(rig, pty_port, f"slcan on {pty_port.path}")
+        return
+    try:
+        listener = listen(tcp_port)
+    except OSError as error:
+        raise UsageError(f"--slcan {tcp_port}: {error.strerror}") from None
+    address = f"socket://127.0.0.1:{listener.getsockname()[1]}"
+    _run(rig, TcpPort(rig, listener), f"slcan on {address}")
+
+
+def _serve_bus(rig: "Rig", interface: str, channel: str | None, bitrate: int | None) -> None:
+    import can
+
+    from firmware_sim.ports import BUS_ERRORS, BusPort
+
+    if interface == "socketcan" and not _has_socketcan():
+        raise UsageError("-i socketcan: this system has no SocketCAN (AF_CAN sockets)")
+    options: dict[str, Any] = {} if bitrate is None else {"bitrate": bitrate}
+    try:
+        bus = can.Bus(channel, interface, ignore_config=True, **options)
+    except (NotImplementedError, TypeError, ImportError, *BUS_ERRORS) as error:
+        what = " ".join(str(error).split()) or type(error).__name__
+        raise UsageError(f"-i {interface} -c {channel}: cannot open the bus: {what}") from None
+    with bus:
+        _run(rig, BusPort(rig, bus), f"{interface} on {channel}")
+
+
+def _has_socketcan() -> bool:
+    import socket
+
+    try:
+        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+    except AttributeError:
+        return False
+    except OSError as error:
+        return error.errno != errno.EAFNOSUPPORT
+    return True
+
+
+def _run(rig: "Rig", port: "Port", where: str) -> None:
+    import signal
+
+    from firmware_sim.serve import Service
+
+    service = Service(rig, port)
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, lambda _number, _frame: service.stop())
+    sys.stdout.write(f"firmware-sim ready: {where}\n")
+    sys.stdout.flush()
+    service.serve()
+
+
+def main() -> None:
+    """Run the command and turn its errors into one line and an exit code."""
+    try:
+        code = app(standalone_mode=False)
+    except (typer.Exit, typer.Abort):
+        code = FAILED
+    except typer.TyperException as error:
+        code = _complain(_wording(error), BAD_INPUT)
+    except ValueError as error:
+        code = _complain(str(error), BAD_INPUT)
+    except (OSError, RuntimeError) as error:
+        code = _complain(str(error), FAILED)
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _wording(error: typer.TyperException) -> str:
+    formatted = getattr(error, "format_message", None)
+    return str(formatted()) if callable(formatted) else str(error)
+
+
+def _complain(what: str, code: int) -> int:
+    sys.stderr.write(f"firmware-sim: {' '.join(what.split())}\n")
+    return code
