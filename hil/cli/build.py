@@ -1,0 +1,170 @@
+"""From files to objects: everything a run is made of, live or in lockstep."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hil.core.closed_loop import LoopConfig
+from hil.core.controller import ControllerConfig
+from hil.core.design import CalibratedDesign, GainDesign, choose_rig_design
+from hil.core.diagnosis import FaultDetector, IdealDetector, NoDetector, PumpFault
+from hil.core.estimator import LevelFilter
+from hil.core.reconfiguration import Reconfiguration
+from hil.core.supervisor import Limits
+from hil.core.tanks import TankModel, equilibrium, linearise
+from hil.core.types import Pair
+from hil.edge.run_folder import RunPlan, Window
+from hil.edge.settings import (
+    Fault,
+    Rig,
+    Scenario,
+    SettingsError,
+    default_config_dir,
+    load_rig,
+    load_scenario,
+)
+from hil.wire.contract import Contract, ContractError
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A scenario with the rig and the contract it is to run on, all checked, and the files they came from."""
+
+    scenario: Scenario
+    rig: Rig
+    contract: Contract
+    scenario_path: Path
+    config_dir: Path
+
+    @property
+    def emulator_path(self) -> Path:
+        """The emulator's own file."""
+        return self.config_dir / "emulator.toml"
+
+    @property
+    def dbc_path(self) -> Path:
+        """The wire contract's file."""
+        return self.config_dir / "bench.dbc"
+
+
+def load(scenario_path: Path, config_dir: Path | None = None) -> Bench:
+    """Read and check everything; raises SettingsError with one line that names file and key."""
+    config = config_dir or default_config_dir()
+    scenario = load_scenario(scenario_path)
+    rig = load_rig(config / "rig.toml", scenario, scenario_path)
+    bench = Bench(scenario, rig, load_contract(config / "bench.dbc"), scenario_path, config)
+    controller_config(bench)
+    return bench
+
+
+def load_contract(path: Path) -> Contract:
+    """The DBC; raises SettingsError naming the file and what is wrong with it."""
+    try:
+        return Contract.from_dbc(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise SettingsError(f"{path}: can't be read: {error.strerror}") from None
+    except (ContractError, UnicodeDecodeError) as error:
+        raise SettingsError(f"{path}: {error}") from None
+
+
+def controller_config(bench: Bench, duration_s: float | None = None) -> ControllerConfig:
+    """The controller of this scenario on this rig. Raises SettingsError when no design meets the rig file."""
+    rig, scenario = bench.rig, bench.scenario
+    model = rig.tank_model
+    choice = scenario.control
+    loop = LoopConfig(
+        reconfiguration=Reconfiguration(
+            model, gain_design(rig, choice.design), rig.pumps.range_V[1], rig.control.operating_point_V
+        ),
+        detector=_detector(scenario),
+        level_filter=LevelFilter(model, rig.pumps.lag_s, rig.control.level_filter_s),
+        references=reference_schedule(scenario, model, rig.control.operating_point_V, str(bench.scenario_path)),
+        reconfigure=choice.reconfigure,
+        period_s=rig.control.period_s,
+        anti_windup_s=rig.control.anti_windup_s,
+    )
+    return ControllerConfig(loop, _limits(rig), scenario.scenario.duration_s if duration_s is None else duration_s)
+
+
+def gain_design(rig: Rig, name: str) -> GainDesign:
+    """The design of that name; raises DesignError when the rig's poles and noise bound can't be met."""
+    if name == "calibrated":
+        return CalibratedDesign()
+    model = rig.tank_model
+    at = linearise(model, equilibrium(model, rig.control.operating_point_V))
+    return choose_rig_design(at, rig.control.output_poles, rig.control.noise_gain_max)
+
+
+def reference_schedule(
+    scenario: Scenario, model: TankModel, operating_point_V: Pair, where: str
+) -> tuple[tuple[float, Pair], ...]:
+    """References as absolute output voltages, ascending in time, the first at 0: the operating point's levels.
+
+    Raises SettingsError when a change leads outside of the tanks.
+    """
+    k, highest = model.level_gain_V_cm, model.level_gain_V_cm * model.height_cm
+    h1, h2, _, _ = equilibrium(model, operating_point_V)
+    standing: Pair = (k * h1, k * h2)
+    schedule = [(0.0, standing)]
+    for index, reference in enumerate(scenario.reference):
+        if reference.change_V is not None:
+            standing = (standing[0] + reference.change_V[0], standing[1] + reference.change_V[1])
+        elif reference.levels_V is not None:
+            standing = reference.levels_V
+        elif reference.levels_cm is not None:
+            standing = (k * reference.levels_cm[0], k * reference.levels_cm[1])
+        if not all(0.0 <= level <= highest for level in standing):
+            raise SettingsError(
+                f"{where}: reference[{index}]: leads to {standing[0]:g}, {standing[1]:g} V, outside 0..{highest:g} V"
+            )
+        schedule.append((reference.at_s, standing))
+    return tuple(schedule)
+
+
+def run_plan(bench: Bench, *, is_live: bool, seed: int | None) -> RunPlan:
+    """What the run folder keeps of the configuration."""
+    files = [bench.config_dir / "rig.toml", bench.scenario_path, bench.dbc_path]
+    if not is_live:
+        files.append(bench.emulator_path)
+    settings: dict[str, Any] = {
+        "rig": bench.rig.model_dump(mode="json"),
+        "scenario": bench.scenario.model_dump(mode="json"),
+    }
+    return RunPlan(
+        scenario=bench.scenario.scenario.name,
+        mode="live" if is_live else "lockstep",
+        seed=seed,
+        period_s=bench.rig.control.period_s,
+        windows=tuple(Window(w.name, w.from_s, w.to_s) for w in bench.scenario.window),
+        reconfigure=bench.scenario.control.reconfigure,
+        settings=settings,
+        copies={file.name: file.read_text(encoding="utf-8") for file in files},
+    )
+
+
+def _limits(rig: Rig) -> Limits:
+    safety = rig.safety
+    return Limits(
+        range_V=rig.pumps.range_V,
+        rate_V_s=rig.pumps.rate_V_s,
+        stop_ramp_V_s=safety.stop_ramp_V_s,
+        level_max_cm=safety.level_max_cm,
+        level_gain_V_cm=rig.sensors.gain_V_cm,
+        levels_age_max_s=safety.levels_age_max_s,
+        status_age_max_s=safety.status_age_max_s,
+        heartbeat_age_max_s=safety.heartbeat_age_max_s,
+        echo_age_max_s=safety.echo_age_max_s,
+    )
+
+
+def _detector(scenario: Scenario) -> FaultDetector:
+    if scenario.diagnosis.method == "none":
+        return NoDetector()
+    return IdealDetector(tuple(_pump_fault(fault) for fault in scenario.fault), scenario.diagnosis.delay_s)
+
+
+def _pump_fault(fault: Fault) -> PumpFault:
+    until_s = float("inf") if fault.until_s is None else fault.until_s
+    return PumpFault(fault.at_s, fault.target, fault.value, until_s)

@@ -1,0 +1,179 @@
+"""The closed loop without its safety: estimate, diagnose, reconfigure, feed back, integrate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from hil.core import estimator, state_feedback
+from hil.core.diagnosis import FaultDetector
+from hil.core.estimator import Estimate, LevelFilter
+from hil.core.reconfiguration import ControlLaw, Reconfiguration
+from hil.core.types import Alarm, Diagnosis, Event, Inputs, Pair, Quad, Severity
+
+TIME_TOLERANCE_S = 1e-6
+"""What is due at a step's own time is due, however the float of it came out."""
+
+LONGEST_PERIODS = 5.0
+"""After a stall the integrals move by no more than this many control periods."""
+
+SOUND = (1.0, 1.0)
+
+
+@dataclass(frozen=True)
+class LoopConfig:
+    """What a run is made of.
+
+    references : (at_s, (r1, r2) in V), ascending, the first at 0. reconfigure : whether the law follows the
+    diagnosis; otherwise gains are kept. anti_windup_s : see `state_feedback.advance_integral`.
+    """
+
+    reconfiguration: Reconfiguration
+    detector: FaultDetector
+    level_filter: LevelFilter
+    references: tuple[tuple[float, Pair], ...]
+    reconfigure: bool
+    period_s: float
+    anti_windup_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class LoopState:
+    """What the closed loop remembers from one step to the next.
+
+    law_for : the reference and effectiveness that the law was made for. raw_V : what the law asks for at this step.
+    """
+
+    started_ns: int
+    stepped_ns: int
+    reference_V: Pair
+    law: ControlLaw
+    law_for: tuple[Pair, Pair]
+    integral_Vs: Pair
+    estimate: Estimate
+    memory: Any
+    diagnosis: Diagnosis
+    iae_Vs: Pair
+    raw_V: Pair
+
+
+def begin(config: LoopConfig, inputs: Inputs, now_ns: int) -> LoopState:
+    """Close the loop: integrals at zero, so that the first command is v0 plus the feedback on x."""
+    reference = config.references[0][1]
+    return LoopState(
+        started_ns=now_ns,
+        stepped_ns=now_ns,
+        reference_V=reference,
+        law=config.reconfiguration.law(reference, SOUND),
+        law_for=(reference, SOUND),
+        integral_Vs=(0.0, 0.0),
+        estimate=estimator.start(config.level_filter, inputs.measurement, inputs.pumps.applied_V),
+        memory=config.detector.start(),
+        diagnosis=Diagnosis(),
+        iae_Vs=(0.0, 0.0),
+        raw_V=(0.0, 0.0),
+    )
+
+
+def step(config: LoopConfig, state: LoopState, inputs: Inputs, now_ns: int) -> tuple[LoopState, tuple[Event, ...]]:
+    """Everything up to the voltages that the law asks for (`raw_V`)."""
+    t_s = (now_ns - state.started_ns) * 1e-9
+    period_s = (now_ns - state.stepped_ns) * 1e-9
+    estimate, memory, diagnosis = _observe(config, state, inputs, t_s, period_s)
+    reference = _reference_at(config, t_s)
+    law, law_for, integral = state.law, state.law_for, state.integral_Vs
+    level_cm = measured_level_cm(config, inputs)
+    wanted_for = (reference, diagnosis.effectiveness if config.reconfigure else SOUND)
+    if wanted_for != law_for:
+        effective = state_feedback.effective_voltage(law, integral, level_cm)
+        law, law_for = config.reconfiguration.law(*wanted_for), wanted_for
+        integral = state_feedback.bumpless_integral(law, level_cm, effective)
+    raw = state_feedback.pump_voltage(law, state_feedback.effective_voltage(law, integral, level_cm))
+    new = LoopState(
+        state.started_ns,
+        now_ns,
+        reference,
+        law,
+        law_for,
+        integral,
+        estimate,
+        memory,
+        diagnosis,
+        _iae(state, estimate, period_s),
+        raw,
+    )
+    return new, _events(state, new)
+
+
+def integrate(config: LoopConfig, state: LoopState, inputs: Inputs, command_V: Pair) -> Pair:
+    """Integrals for the next step, knowing what the supervisor let pass and what the node made of it."""
+    y1, y2, _, _ = inputs.measurement.level_V
+    error = (state.law.target_V[0] - y1, state.law.target_V[1] - y2)
+    short = inputs.pumps.shortfall_V
+    excess = (state.raw_V[0] - command_V[0] + short[0], state.raw_V[1] - command_V[1] + short[1])
+    return state_feedback.advance_integral(
+        state.law, state.integral_Vs, error, excess, config.period_s, config.anti_windup_s
+    )
+
+
+def measured_level_cm(config: LoopConfig, inputs: Inputs) -> Quad:
+    """Readings in cm, shape (4,)."""
+    k = config.level_filter.model.level_gain_V_cm
+    y1, y2, y3, y4 = inputs.measurement.level_V
+    return (y1 / k, y2 / k, y3 / k, y4 / k)
+
+
+def _observe(
+    config: LoopConfig, state: LoopState, inputs: Inputs, t_s: float, period_s: float
+) -> tuple[Estimate, Any, Diagnosis]:
+    applied_V = inputs.pumps.applied_V
+    estimate = state.estimate
+    if period_s > 0.0:
+        estimate = estimator.step(
+            config.level_filter,
+            estimate,
+            applied_V,
+            state.diagnosis.effectiveness,
+            inputs.measurement,
+            min(period_s, LONGEST_PERIODS * config.period_s),
+        )
+    memory, diagnosis = config.detector.step(state.memory, t_s, inputs.measurement, estimate, applied_V)
+    return estimate, memory, diagnosis
+
+
+def _reference_at(config: LoopConfig, t_s: float) -> Pair:
+    reference = config.references[0][1]
+    for at_s, values in config.references:
+        if at_s > t_s + TIME_TOLERANCE_S:
+            break
+        reference = values
+    return reference
+
+
+def _iae(state: LoopState, estimate: Estimate, period_s: float) -> Pair:
+    """Running integral of |r - y| in V s, y from the estimate."""
+    (r1, r2), y, (i1, i2) = state.reference_V, estimate.level_V, state.iae_Vs
+    return i1 + abs(r1 - y[0]) * period_s, i2 + abs(r2 - y[1]) * period_s
+
+
+def _events(old: LoopState, new: LoopState) -> tuple[Event, ...]:
+    events = [_alarm(alarm) for alarm in new.diagnosis.new_alarms]
+    if new.reference_V != old.reference_V:
+        r1, r2 = new.reference_V
+        events.append(Event(Severity.INFO, "reference", f"reference {r1:.4f}, {r2:.4f} V", {"reference_V": [r1, r2]}))
+    if new.law is not old.law:
+        if new.law.effectiveness != old.law.effectiveness:
+            e1, e2 = new.law.effectiveness
+            text = f"gains recomputed for effectiveness {e1:.3f}, {e2:.3f}"
+            events.append(Event(Severity.INFO, "reconfigured", text, {"effectiveness": [e1, e2]}))
+        if new.law.reason:
+            r1, r2 = new.law.target_V
+            text = f"reference can't be reached ({new.law.reason}): aiming at {r1:.4f}, {r2:.4f} V"
+            events.append(Event(Severity.WARNING, "target", text, {"target_V": [r1, r2], "reason": new.law.reason}))
+    return tuple(events)
+
+
+def _alarm(alarm: Alarm) -> Event:
+    data = {"detected_s": alarm.detected_s, "kind": alarm.kind, "target": alarm.target, "size": alarm.size}
+    text = f"{alarm.kind} {alarm.target}: {alarm.size:.3f}"
+    return Event(Severity.WARNING, "alarm", text, data)

@@ -1,0 +1,88 @@
+"""Level filter: the tank model driven by the applied voltages, pulled towards the readings.
+
+State: four levels in cm and the two voltages behind the pump lag in V. Between readings it is eq. (1); a
+reading then moves each level by a fixed share of its innovation, chosen by a time constant.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import exp, inf, isfinite
+
+from hil.core.tanks import TankModel, level_rates
+from hil.core.types import Measurement, Pair, Quad
+
+
+@dataclass(frozen=True, slots=True)
+class LevelFilter:
+    """Configuration: the tank model, the pump lag and the filter's time constant, s."""
+
+    model: TankModel
+    lag_s: float
+    filter_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """Levels in cm and as the voltages they would read, lagged pump voltages in V, innovations of the last reading in V (NaN without one)."""
+
+    level_cm: Quad
+    level_V: Quad
+    pump_V: Pair
+    innovation_V: Quad
+
+
+def start(filter_: LevelFilter, measurement: Measurement, applied_V: Pair) -> Estimate:
+    """Begin at the readings. Every channel must be valid."""
+    k = filter_.model.level_gain_V_cm
+    y1, y2, y3, y4 = measurement.level_V
+    return Estimate((y1 / k, y2 / k, y3 / k, y4 / k), measurement.level_V, applied_V, (0.0, 0.0, 0.0, 0.0))
+
+
+def step(
+    filter_: LevelFilter,
+    estimate: Estimate,
+    applied_V: Pair,
+    effectiveness: Pair,
+    measurement: Measurement,
+    period_s: float,
+) -> Estimate:
+    """Predict over the period just gone, then correct by what was read.
+
+    applied_V : what the pumps were given over that period. A channel that is not valid is only predicted.
+    """
+    predicted, pump_V = _predict(filter_, estimate, applied_V, effectiveness, period_s)
+    k = filter_.model.level_gain_V_cm
+    share = 1.0 - exp(-period_s / filter_.filter_s) if filter_.filter_s > 0.0 else 1.0
+    levels: list[float] = []
+    innovations: list[float] = []
+    for h, y, is_valid in zip(predicted, measurement.level_V, measurement.valid, strict=True):
+        usable = is_valid and measurement.readings > 0 and isfinite(y)
+        innovation = y - k * h if usable else float("nan")
+        levels.append(max(0.0, h + share * innovation / k) if usable else h)
+        innovations.append(innovation)
+    h1, h2, h3, h4 = levels
+    n1, n2, n3, n4 = innovations
+    return Estimate((h1, h2, h3, h4), (k * h1, k * h2, k * h3, k * h4), pump_V, (n1, n2, n3, n4))
+
+
+def _predict(
+    filter_: LevelFilter, estimate: Estimate, applied_V: Pair, effectiveness: Pair, period_s: float
+) -> tuple[Quad, Pair]:
+    """Heun's rule on eq. (1); the lag is exact over the period, its mean voltage drives the tanks."""
+    decay = exp(-period_s / filter_.lag_s) if filter_.lag_s > 0.0 else 0.0
+    mean_share = (1.0 - decay) * filter_.lag_s / period_s if period_s > 0.0 else 0.0
+    (p1, p2), (v1, v2), (t1, t2) = estimate.pump_V, applied_V, effectiveness
+    drive = (t1 * (v1 + (p1 - v1) * mean_share), t2 * (v2 + (p2 - v2) * mean_share))
+    h = estimate.level_cm
+    first = level_rates(filter_.model, h, drive)
+    ahead = _moved(h, first, period_s, filter_.model.height_cm)
+    second = level_rates(filter_.model, ahead, drive)
+    r1, r2, r3, r4 = ((a + b) / 2.0 for a, b in zip(first, second, strict=True))
+    levels = _moved(h, (r1, r2, r3, r4), period_s, filter_.model.height_cm)
+    return levels, (v1 + (p1 - v1) * decay, v2 + (p2 - v2) * decay)
+
+
+def _moved(level_cm: Quad, rate_cm_s: Quad, period_s: float, height_cm: float = inf) -> Quad:
+    h1, h2, h3, h4 = (min(max(h + period_s * r, 0.0), height_cm) for h, r in zip(level_cm, rate_cm_s, strict=True))
+    return (h1, h2, h3, h4)

@@ -1,0 +1,60 @@
+"""Reference and diagnosis in, control law out: gains, operating voltages, the target that the pumps can reach."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hil.core.design import GainDesign, Gains
+from hil.core.tanks import TankModel, equilibrium, linearise, nearest_reachable
+from hil.core.types import Pair, Quad
+
+LEAST_EFFECTIVENESS = 0.05
+"""A pump with less left than this is not asked to make up for it: v = (v0 + u)/theta stays bounded."""
+
+LOWEST_LINEARISED_CM = 0.2
+"""Eq. (3) has no time constant for an empty tank; below this level the gains no longer follow."""
+
+
+@dataclass(frozen=True, slots=True)
+class ControlLaw:
+    """What state feedback runs on until reference or diagnosis change.
+
+    operating_level_cm : (4,) x = h - this. operating_V : (2,) v0, for nominal pumps. target_V : (2,) outputs aimed at.
+    effectiveness : (2,) what v = (v0 + u)/theta divides by. reason : why the target is not the reference; "" if it is.
+    """
+
+    gains: Gains
+    operating_level_cm: Quad
+    operating_V: Pair
+    target_V: Pair
+    effectiveness: Pair
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Reconfiguration:
+    """Configuration: the model, the design, the pumps' upper limit in V, and where a fixed design has its operating point."""
+
+    model: TankModel
+    design: GainDesign
+    limit_V: float
+    operating_point_V: Pair
+
+    def law(self, reference_V: Pair, effectiveness: Pair) -> ControlLaw:
+        """The law for a reference (V) and what is left of the pumps' gains. Cheap enough for every control step.
+
+        Gains are those of PEA for nominal pumps, divided by theta with everything else that goes to a pump. That is
+        PEA for the faulty B Theta as well: with parameters Theta^-1 w_i it has the same eigenvectors and Theta^-1 K.
+        """
+        theta = (max(effectiveness[0], LEAST_EFFECTIVENESS), max(effectiveness[1], LEAST_EFFECTIVENESS))
+        k = self.model.level_gain_V_cm
+        wanted_cm = (reference_V[0] / k, reference_V[1] / k)
+        effective_limit = (effectiveness[0] * self.limit_V, effectiveness[1] * self.limit_V)
+        reachable = nearest_reachable(self.model, wanted_cm, effective_limit)
+        target_V = reference_V if not reachable.reason else (k * reachable.lower_cm[0], k * reachable.lower_cm[1])
+        operating_V = reachable.holding_V if self.design.follows_reference else self.operating_point_V
+        operating_V = (max(operating_V[0], 0.0), max(operating_V[1], 0.0))
+        levels = equilibrium(self.model, operating_V)
+        h1, h2, h3, h4 = (max(h, LOWEST_LINEARISED_CM) for h in levels)
+        gains = self.design.gains(linearise(self.model, (h1, h2, h3, h4)))
+        return ControlLaw(gains, levels, operating_V, target_V, theta, reachable.reason)

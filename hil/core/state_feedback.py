@@ -1,0 +1,69 @@
+"""State feedback with integral action: Hajiani and Poshtan (2012), eq. (6).
+
+x = h - h0 (4 levels, cm), q = integral of e = r - y (2, V s):
+
+    u = -K_x x - K_q q,      v = (v0 + u) / theta
+
+theta is what is left of each pump's gain; v0 + u is the *effective* voltage, the one that a sound pump would need.
+"""
+
+from __future__ import annotations
+
+from hil.core.reconfiguration import ControlLaw
+from hil.core.types import Pair, Quad
+
+
+def effective_voltage(law: ControlLaw, integral_Vs: Pair, level_cm: Quad) -> Pair:
+    """v0 + u in V, before effectiveness and limits."""
+    p1, p2 = _level_part(law, level_cm)
+    (k11, k12), (k21, k22) = law.gains.integrals_1_s
+    q1, q2 = integral_Vs
+    return law.operating_V[0] - p1 - k11 * q1 - k12 * q2, law.operating_V[1] - p2 - k21 * q1 - k22 * q2
+
+
+def pump_voltage(law: ControlLaw, effective_V: Pair) -> Pair:
+    """V = (v0 + u)/theta in V, still without limits."""
+    return effective_V[0] / law.effectiveness[0], effective_V[1] / law.effectiveness[1]
+
+
+def bumpless_integral(law: ControlLaw, level_cm: Quad, effective_V: Pair) -> Pair:
+    """The q in V s at which this law gives just these effective voltages.
+
+    Used whenever gains or operating point change under way, and on taking over from other hands.
+    """
+    p1, p2 = _level_part(law, level_cm)
+    d1 = law.operating_V[0] - p1 - effective_V[0]
+    d2 = law.operating_V[1] - p2 - effective_V[1]
+    (i11, i12), (i21, i22) = law.gains.integral_inverse
+    return i11 * d1 + i12 * d2, i21 * d1 + i22 * d2
+
+
+def advance_integral(
+    law: ControlLaw,
+    integral_Vs: Pair,
+    error_V: Pair,
+    excess_V: Pair,
+    period_s: float,
+    anti_windup_s: float,
+) -> Pair:
+    """Q after one period: the error, and back-calculation of what the pumps did not get.
+
+    excess_V : (2,) voltage asked for minus voltage applied. While a pump is at its limit the integrals move so that
+    the voltage asked for returns to the one applied with time constant anti_windup_s; q -> q + K_q^-1 theta (v - v_applied) is
+    the whole way.
+    """
+    rate = min(period_s / anti_windup_s, 1.0) if anti_windup_s > 0.0 else 1.0
+    d1 = rate * law.effectiveness[0] * excess_V[0]
+    d2 = rate * law.effectiveness[1] * excess_V[1]
+    (i11, i12), (i21, i22) = law.gains.integral_inverse
+    return (
+        integral_Vs[0] + period_s * error_V[0] + i11 * d1 + i12 * d2,
+        integral_Vs[1] + period_s * error_V[1] + i21 * d1 + i22 * d2,
+    )
+
+
+def _level_part(law: ControlLaw, level_cm: Quad) -> Pair:
+    """K_x x in V."""
+    x1, x2, x3, x4 = (h - h0 for h, h0 in zip(level_cm, law.operating_level_cm, strict=True))
+    (a1, a2, a3, a4), (b1, b2, b3, b4) = law.gains.levels_V_cm
+    return a1 * x1 + a2 * x2 + a3 * x3 + a4 * x4, b1 * x1 + b2 * x2 + b3 * x3 + b4 * x4

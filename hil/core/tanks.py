@@ -1,0 +1,198 @@
+"""The four-tank process: K. H. Johansson's quadruple tank (IEEE Trans. Control Systems Technology 8(3), 2000).
+
+State h = (h1, h2, h3, h4), levels in cm: tanks 1 and 2 below, 3 above 1, 4 above 2. Input v = (v1, v2), pump
+voltages in V. Outputs y1, y2: level signals k_c h1, k_c h2 in V. Hajiani and Poshtan (2012), eq. (1):
+
+    A1 h1' = -a1 sqrt(2 g h1) + a3 sqrt(2 g h3) +     g1 k1 v1
+    A2 h2' = -a2 sqrt(2 g h2) + a4 sqrt(2 g h4) +     g2 k2 v2
+    A3 h3' = -a3 sqrt(2 g h3)                   + (1-g2) k2 v2
+    A4 h4' = -a4 sqrt(2 g h4)                   + (1-g1) k1 v1
+
+g1, g2 are the valve splits. A pump with effectiveness theta_j moves theta_j k_j v_j; nothing else in the equations changes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.core.types import Pair, Quad
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class TankModel:
+    """Parameters of eq. (1), tables 1 and 2 of the paper.
+
+    area_cm2, outlet_cm2 : (4,) A_i and a_i. pump_gain_cm3_Vs : (2,) k_j. valve_split : (2,) gamma_j in (0, 1).
+    level_gain_V_cm : k_c. height_cm : of every tank. gravity_cm_s2 : g.
+    """
+
+    area_cm2: Quad = (28.0, 32.0, 28.0, 32.0)
+    outlet_cm2: Quad = (0.071, 0.057, 0.071, 0.057)
+    pump_gain_cm3_Vs: Pair = (3.33, 3.35)
+    valve_split: Pair = (0.70, 0.60)
+    level_gain_V_cm: float = 0.5
+    height_cm: float = 20.0
+    gravity_cm_s2: float = 981.0
+
+
+@dataclass(frozen=True, eq=False)
+class LinearModel:
+    """x' = A x + B u, y = C x around a point; x in cm, u and y in V. A : (4, 4), B : (4, 2), C : (2, 4), in 1/s, cm/(V s), V/cm."""
+
+    A: Array
+    B: Array
+    C: Array
+
+    def __post_init__(self) -> None:
+        for name in ("A", "B", "C"):
+            matrix = np.array(getattr(self, name), dtype=float)
+            matrix.flags.writeable = False
+            object.__setattr__(self, name, matrix)
+
+
+def pump_matrix(model: TankModel) -> Array:
+    """(4, 2) flow into each tank per volt at each pump, cm^3/(V s): the input terms of eq. (1) times A_i."""
+    (k1, k2), (g1, g2) = model.pump_gain_cm3_Vs, model.valve_split
+    return np.array([[g1 * k1, 0.0], [0.0, g2 * k2], [0.0, (1 - g2) * k2], [(1 - g1) * k1, 0.0]])
+
+
+def level_rates(model: TankModel, level_cm: Quad, pump_V: Pair) -> Quad:
+    """Eq. (1): dh/dt in cm/s. An empty tank gives no outflow; pump_V is the *effective* voltage theta_j v_j."""
+    A1, A2, A3, A4 = model.area_cm2
+    a1, a2, a3, a4 = model.outlet_cm2
+    (k1, k2), (g1, g2) = model.pump_gain_cm3_Vs, model.valve_split
+    h1, h2, h3, h4 = level_cm
+    q1, q2 = k1 * pump_V[0], k2 * pump_V[1]
+    s = sqrt(2.0 * model.gravity_cm_s2)
+    out1 = a1 * s * sqrt(h1) if h1 > 0.0 else 0.0
+    out2 = a2 * s * sqrt(h2) if h2 > 0.0 else 0.0
+    out3 = a3 * s * sqrt(h3) if h3 > 0.0 else 0.0
+    out4 = a4 * s * sqrt(h4) if h4 > 0.0 else 0.0
+    return (
+        (out3 - out1 + g1 * q1) / A1,
+        (out4 - out2 + g2 * q2) / A2,
+        ((1.0 - g2) * q2 - out3) / A3,
+        ((1.0 - g1) * q1 - out4) / A4,
+    )
+
+
+def through_flow_matrix(model: TankModel) -> Array:
+    """(4, 2) M with a_i sqrt(2 g h_i) = M v at rest: the lower tanks pass on what the upper ones let through."""
+    inflow = pump_matrix(model)
+    return np.array([inflow[0] + inflow[2], inflow[1] + inflow[3], inflow[2], inflow[3]])
+
+
+def equilibrium(model: TankModel, pump_V: Pair) -> Quad:
+    """Levels in cm at which constant effective pump voltages hold the tanks: eq. (1) with dh/dt = 0.
+
+    Raises ValueError for a negative voltage.
+    """
+    if min(pump_V) < 0.0:
+        raise ValueError(f"pump voltages {pump_V} V: no equilibrium below 0 V")
+    flow = through_flow_matrix(model) @ np.array(pump_V)
+    h1, h2, h3, h4 = ((flow / np.array(model.outlet_cm2)) ** 2 / (2.0 * model.gravity_cm_s2)).tolist()
+    return (h1, h2, h3, h4)
+
+
+def holding_voltages(model: TankModel, lower_cm: Pair) -> Pair:
+    """Effective pump voltages in V that hold the two lower levels; negative where no real pump could.
+
+    At rest the outflows of tanks 1, 2 are linear in v (two equations, two unknowns). Raises ValueError for a
+    negative level or a singular valve setting (gamma1 + gamma2 = 1), at which the lower levels can't be set apart.
+    """
+    h1, h2 = lower_cm
+    if h1 < 0.0 or h2 < 0.0:
+        raise ValueError(f"lower levels {lower_cm} cm: below 0 cm")
+    s = sqrt(2.0 * model.gravity_cm_s2)
+    f1, f2 = model.outlet_cm2[0] * s * sqrt(h1), model.outlet_cm2[1] * s * sqrt(h2)
+    (k1, k2), (g1, g2) = model.pump_gain_cm3_Vs, model.valve_split
+    split = g1 + g2 - 1.0
+    if abs(split) < 1e-9:
+        raise ValueError(f"valve splits {model.valve_split} add up to 1: the lower levels can't be set apart")
+    return (g2 * f1 - (1.0 - g2) * f2) / (k1 * split), (g1 * f2 - (1.0 - g1) * f1) / (k2 * split)
+
+
+def linearise(model: TankModel, level_cm: Quad) -> LinearModel:
+    """Eq. (2) and (3) at any levels above 0 cm (ValueError otherwise): T_i = A_i/a_i sqrt(2 h_i/g)."""
+    if min(level_cm) <= 0.0:
+        raise ValueError(f"levels {level_cm} cm: an empty tank has no linear model")
+    area = np.array(model.area_cm2)
+    decay = np.array(model.outlet_cm2) / area * np.sqrt(model.gravity_cm_s2 / (2.0 * np.array(level_cm)))
+    A = np.diag(-decay)
+    A[0, 2] = area[2] / area[0] * decay[2]
+    A[1, 3] = area[3] / area[1] * decay[3]
+    C = np.zeros((2, 4))
+    C[0, 0] = C[1, 1] = model.level_gain_V_cm
+    return LinearModel(A, pump_matrix(model) / area[:, None], C)
+
+
+def printed_linear_model() -> LinearModel:
+    """Eq. (4) as printed, rounding and all; the calibrated design needs it to the digit."""
+    A = np.diag([-0.0159, -0.0111, -0.0419, -0.0333])
+    A[0, 2], A[1, 3] = 0.0419, 0.0333
+    B = np.array([[0.0833, 0.0], [0.0, 0.0628], [0.0, 0.0479], [0.0312, 0.0]])
+    C = np.array([[0.5, 0.0, 0.0, 0.0], [0.0, 0.5, 0.0, 0.0]])
+    return LinearModel(A, B, C)
+
+
+def transmission_zeros(linear: LinearModel) -> Array:
+    """(2,) zeros from u to y, sorted; real for every quadruple tank.
+
+    With C = [c I, 0] and A, B of the four-tank shape, eliminating x1, x2 from the Rosenbrock pencil leaves
+    the 2x2 matrix A22 - B2 B1^-1 A12 acting on the upper tanks: its eigenvalues are the zeros.
+    """
+    A, B = linear.A, linear.B
+    pencil = A[2:, 2:] - B[2:] @ np.linalg.solve(B[:2], A[:2, 2:])
+    return np.sort(np.linalg.eigvals(pencil).real)
+
+
+@dataclass(frozen=True, slots=True)
+class ReachableTarget:
+    """The lower levels in force, the effective voltages that hold them, and why they are not the wanted ones ("" if they are)."""
+
+    lower_cm: Pair
+    holding_V: Pair
+    reason: str
+
+
+def nearest_reachable(model: TankModel, lower_cm: Pair, limit_V: Pair) -> ReachableTarget:
+    """The lower levels nearest to the wanted ones that effective voltages within 0..limit_V can hold.
+
+    The reachable set is the image of a rectangle of voltages. A wanted point outside is nearest to the image of
+    one of its four edges; along an edge the squared distance is a quartic in the free voltage, so the candidates
+    are the roots of a cubic and the corners: exact, no iteration.
+    """
+    v1, v2 = holding_voltages(model, lower_cm)
+    tolerance = 1e-9
+    too = []
+    for pump, voltage, limit in ((1, v1, limit_V[0]), (2, v2, limit_V[1])):
+        if voltage > limit + tolerance:
+            too.append(f"pump {pump} would need {voltage:.2f} V of {limit:.2f} V")
+        elif voltage < -tolerance:
+            too.append(f"pump {pump} would need {voltage:.2f} V, below 0 V")
+    if not too:
+        return ReachableTarget(lower_cm, (v1, v2), "")
+    flow = through_flow_matrix(model)[:2] / (np.array(model.outlet_cm2[:2])[:, None] * sqrt(2.0 * model.gravity_cm_s2))
+    wanted = np.array(lower_cm)
+    best, best_distance = (0.0, 0.0), float("inf")
+    for fixed in (0, 1):
+        free = 1 - fixed
+        for edge in (0.0, limit_V[fixed]):
+            distance = sum(
+                (np.polynomial.Polynomial([flow[i, fixed] * edge, flow[i, free]]) ** 2 - wanted[i]) ** 2 for i in (0, 1)
+            )
+            roots = distance.deriv().roots()
+            inside = [r.real for r in roots if abs(r.imag) < 1e-9 and 0.0 < r.real < limit_V[free]]
+            for candidate in (0.0, limit_V[free], *inside):
+                value = float(distance(candidate))
+                if value < best_distance:
+                    best_distance = value
+                    best = (edge, float(candidate)) if fixed == 0 else (float(candidate), edge)
+    reached = equilibrium(model, best)
+    return ReachableTarget((reached[0], reached[1]), best, "; ".join(too))

@@ -1,0 +1,204 @@
+"""The records that flow through a control step.
+
+Order everywhere: tank 1, 2 (lower), 3, 4 (upper); pump 1, 2; output 1, 2. Signals keep the unit they have on the
+bench: level *voltages* in V (0.5 V/cm), pump voltages in V; levels in cm only where a name says so.
+Small vectors are tuples of floats: immutable, quick, and written to a record as they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum, StrEnum
+
+Pair = tuple[float, float]
+Quad = tuple[float, float, float, float]
+
+
+class Mode(IntEnum):
+    """What the controller is doing; the number is what the record and the timeline carry."""
+
+    DISARMED = 0
+    READY = 1
+    RUNNING = 2
+    DEGRADED = 3
+    STOPPING = 4
+    TRIPPED = 5
+
+    @property
+    def is_controlling(self) -> bool:
+        """Whether the loop is closed in this mode."""
+        return self in (Mode.RUNNING, Mode.DEGRADED)
+
+
+class NodeState(IntEnum):
+    """State of a node, as the wire's value table has it."""
+
+    BOOT = 0
+    READY = 1
+    RUN = 2
+    TRIPPED = 3
+
+
+class TripCause(StrEnum):
+    """Why the supervisor took the pumps to 0 V. The first one stays until the trip is cleared."""
+
+    STALE_LEVELS = "stale_levels"
+    INVALID_LEVELS = "invalid_levels"
+    STALE_STATUS = "stale_status"
+    NODE_TRIPPED = "node_tripped"
+    NODE_REBOOTED = "node_rebooted"
+    NODE_LOST = "node_lost"
+    WRONG_CONTRACT = "wrong_contract"
+    ECHO_MISSING = "echo_missing"
+    FOREIGN_COMMAND = "foreign_command"
+    HIGH_LEVEL = "high_level"
+    BUS_FAILED = "bus_failed"
+    CONTROLLER_FAILED = "controller_failed"
+
+
+class Severity(StrEnum):
+    """How much an event matters; named as log levels are."""
+
+    INFO = "INFO"
+    WARNING = "WARN"
+    ERROR = "ERROR"
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something worth a line in the log: `code` is for programs, `text` for people, `data` has the numbers."""
+
+    severity: Severity
+    code: str
+    text: str
+    data: dict[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """The four level voltages as they stand at a control step.
+
+    level_V : mean of the readings that came since the last step, or the last one before; NaN before the first.
+    valid : whether each channel's newest reading was in range and its node vouches for it.
+    age_s : age of the oldest of the newest readings; inf before the first.
+    readings : how many readings went into the mean (the smaller of the two frames).
+    """
+
+    level_V: Quad
+    valid: tuple[bool, bool, bool, bool]
+    age_s: float
+    readings: int
+
+
+@dataclass(frozen=True, slots=True)
+class PumpFeedback:
+    """What the pump node last said of itself.
+
+    applied_V : its own outputs. shortfall_V : by how much they fell short of the command that it last echoed.
+    age_s : of its status; inf before the first. unechoed_s : how long the oldest command that the node has not
+    confirmed has been waiting; 0 when all are confirmed.
+    """
+
+    applied_V: Pair
+    shortfall_V: Pair
+    state: NodeState
+    trip_cause: int
+    age_s: float
+    unechoed_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class NodeHealth:
+    """What the heartbeats say: the age of the older one, whether any node booted anew, and whose DBC they hold."""
+
+    age_s: float
+    rebooted: bool
+    contract_matches: bool
+
+
+@dataclass(frozen=True, slots=True)
+class BusHealth:
+    """Counters of the bus since the start: frames accepted, frames rejected, sends failed, and whether it is up."""
+
+    accepted: int
+    rejected: int
+    send_failures: int
+    foreign_commands: int
+    is_up: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """How late this step began, and how many control periods have been skipped since the start."""
+
+    lateness_s: float = 0.0
+    skipped: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Inputs:
+    """All that a control step gets to see besides its own state and the time."""
+
+    measurement: Measurement
+    pumps: PumpFeedback
+    nodes: NodeHealth
+    bus: BusHealth
+    timing: Timing = Timing()
+    stop_requested: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """What is sent to the pump node: voltages within range and rate, or disabled at 0 V."""
+
+    voltage_V: Pair
+    enable: bool
+    clear_trip: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """A fault that the diagnosis has declared.
+
+    size : in the unit of the scenario's `value` (for `pump_effectiveness`: the effectiveness that is left).
+    """
+
+    detected_s: float
+    kind: str
+    target: int
+    size: float
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """The current verdict: what is left of each pump's gain, and the alarms that are new at this step."""
+
+    effectiveness: Pair = (1.0, 1.0)
+    new_alarms: tuple[Alarm, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class TickRecord:
+    """One control step, as recorded. Time is that of the run: 0 at the first step in control."""
+
+    t_s: float
+    mode: Mode
+    measured_V: Quad
+    estimated_V: Quad
+    reference_V: Pair  # asked for
+    target_V: Pair  # in force: the nearest that the pumps can reach
+    operating_V: Pair  # pump voltages that hold the target, nominal pumps
+    raw_V: Pair  # what the control law asked for
+    command_V: Pair  # what the supervisor let pass
+    applied_V: Pair  # what the pump node says it applies
+    effectiveness: Pair
+    integral_Vs: Pair
+    gain: tuple[float, ...]  # (12,): K by rows, in force on the pumps (effectiveness included)
+    iae_Vs: Pair
+    levels_age_s: float
+    status_age_s: float
+    lateness_s: float
+    skipped: int  # control periods skipped so far
+    accepted: int
+    rejected: int
+    events: tuple[Event, ...] = ()

@@ -1,0 +1,129 @@
+"""The edge to CAN: python-can's buses, their errors caught and counted.
+
+A command goes out once or is lost; nothing is queued here. What a bus raises never reaches the loop: the port counts
+it and, when the link is gone, says so in `is_up`, which trips the supervisor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import can
+from can.interfaces.slcan import slcanBus
+
+BUS_ERRORS = (can.CanError, OSError, ValueError, IndexError)
+"""What python-can's interfaces raise on a bad line, a lost adapter, a full queue."""
+
+SEND_FAILURES_IN_A_ROW = 3
+RECEIVE_FAILURES_IN_A_ROW = 20
+LARGEST_BATCH = 1000
+
+
+class BusError(Exception):
+    """A bus that can't be opened; the message says which and why."""
+
+
+@dataclass(frozen=True, slots=True)
+class BusAddress:
+    """A bus in python-can's words: interface, channel, bit/s."""
+
+    interface: str
+    channel: str
+    bitrate: int
+
+    def open(self, ids: tuple[int, ...]) -> can.BusABC:
+        """Open it, letting through frames with these identifiers only, and none of our own.
+
+        Configuration files and variables of python-can are not read. Raises BusError.
+        """
+        options: dict[str, Any] = {"bitrate": self.bitrate} if self.interface != "virtual" else {}
+        if self.interface == "slcan":
+            is_network = "://" in self.channel
+            options["sleep_after_open"] = 0.0 if is_network else 2.0
+        if self.interface == "socketcan":
+            del options["bitrate"]  # set by whoever brings the link up
+        filters = [{"can_id": can_id, "can_mask": 0x7FF, "extended": False} for can_id in ids]
+        try:
+            return can.Bus(
+                interface=self.interface,
+                channel=self.channel,
+                can_filters=filters,
+                receive_own_messages=False,
+                ignore_config=True,
+                **options,
+            )
+        except (*BUS_ERRORS, NotImplementedError, TypeError) as error:
+            hint = ""
+            if self.interface == "socketcan" and getattr(error, "errno", None) == 97:
+                hint = " (this kernel has no SocketCAN)"
+            raise BusError(
+                f"bus {self.interface} {self.channel!r} at {self.bitrate} bit/s can't be opened: {error}{hint}"
+            ) from None
+
+
+class BusPort:
+    """An open bus as the control loop sees it. `is_up` turns false when the link fails, and stays so."""
+
+    def __init__(self, bus: can.BusABC) -> None:
+        self._bus = bus
+        self._failed_sends = 0
+        self._failed_receives = 0
+        self.send_failures = 0
+        self.receive_failures = 0
+        self.is_up = True
+        self.last_error = ""
+
+    def receive(self, timeout_s: float) -> can.Message | None:
+        """The next frame, or None after timeout_s or a failure."""
+        try:
+            message = self._bus.recv(timeout_s)
+        except BUS_ERRORS as error:
+            self._note_receive_failure(error)
+            return None
+        if message is not None:
+            self._failed_receives = 0
+        return message
+
+    def waiting(self) -> list[can.Message]:
+        """What has arrived so far, without waiting; bounded, so that a babbling node can't hold a step up."""
+        messages: list[can.Message] = []
+        while len(messages) < LARGEST_BATCH and (message := self.receive(0.0)) is not None:
+            messages.append(message)
+        return messages
+
+    def send(self, frame_id: int, data: bytes, timestamp_s: float) -> bool:
+        """Send one frame now or not at all; whether it went out."""
+        message = can.Message(arbitration_id=frame_id, data=data, is_extended_id=False, timestamp=timestamp_s)
+        try:
+            self._bus.send(message, timeout=0)
+        except BUS_ERRORS as error:
+            self.send_failures += 1
+            self._failed_sends += 1
+            self.last_error = str(error)
+            if self._failed_sends >= SEND_FAILURES_IN_A_ROW:
+                self.is_up = False
+            return False
+        self._failed_sends = 0
+        return True
+
+    def close(self) -> None:
+        """Shut the bus down; a link that is gone already is no news."""
+        try:
+            self._bus.shutdown()
+        except BUS_ERRORS as error:
+            self.last_error = str(error)
+
+    def _note_receive_failure(self, error: Exception) -> None:
+        """A garbled line is dropped with what stands around it; a failing link is down."""
+        self.receive_failures += 1
+        self._failed_receives += 1
+        self.last_error = str(error)
+        is_garbled = isinstance(error, ValueError | IndexError)
+        if not is_garbled or self._failed_receives >= RECEIVE_FAILURES_IN_A_ROW:
+            self.is_up = False
+        elif isinstance(self._bus, slcanBus):
+            try:
+                self._bus.flush()  # its buffer would raise the same error for ever
+            except BUS_ERRORS:
+                self.is_up = False

@@ -1,0 +1,45 @@
+"""The monotonic clock, and a flag that signals set."""
+
+from __future__ import annotations
+
+import signal
+import time
+from types import FrameType
+
+
+class MonotonicClock:
+    """Nanoseconds that never jump; only here is time slept away."""
+
+    def now_ns(self) -> int:
+        """Now, from an arbitrary origin."""
+        return time.monotonic_ns()
+
+    def sleep_until(self, deadline_ns: int) -> None:
+        """Return at the deadline, or at once when it is past."""
+        remaining = deadline_ns - time.monotonic_ns()
+        if remaining > 0:
+            time.sleep(remaining * 1e-9)
+
+
+class StopSignal:
+    """SIGINT and SIGTERM ask for an orderly stop; a second one raises KeyboardInterrupt. Use as a context."""
+
+    def __init__(self) -> None:
+        self.received: signal.Signals | None = None
+        self._previous: dict[signal.Signals, object] = {}
+
+    def __enter__(self) -> StopSignal:
+        """Take the signals over."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            self._previous[number] = signal.signal(number, self._handle)
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        """Give them back."""
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)  # type: ignore[arg-type]
+
+    def _handle(self, number: int, _: FrameType | None) -> None:
+        if self.received is not None:
+            raise KeyboardInterrupt
+        self.received = signal.Signals(number)

@@ -1,0 +1,181 @@
+"""The control loop, whatever clock drives it: read, decode, step, encode, write, record.
+
+`runtime` drives it by the monotonic clock against a real bus, `lockstep` by a simulated one against the emulator.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+from hil.core import controller, supervisor
+from hil.core.controller import ControllerConfig, ControllerState, Output
+from hil.core.types import Command, Event, Inputs, Mode, NodeState, Quad, Severity, TickRecord, Timing, TripCause
+from hil.wire.checks import Frame
+from hil.wire.commands import CommandSender
+from hil.wire.contract import Contract
+from hil.wire.receiver import Receiver
+
+Status = Literal["complete", "stopped", "tripped", "failed"]
+
+REST_TIMEOUT_S = 1.0
+"""How long the end of a run waits for the pump node to confirm 0 V."""
+
+
+class Port(Protocol):
+    """What the loop needs of a bus."""
+
+    send_failures: int
+    is_up: bool
+
+    def send(self, frame_id: int, data: bytes, timestamp_s: float) -> bool:
+        """Send a frame now or not at all; whether it went out."""
+        ...
+
+
+class Recorder(Protocol):
+    """Where the loop leaves its record; none of this may block or raise."""
+
+    def tick(self, record: TickRecord, true_level_cm: Quad | None = None) -> None:
+        """One control step."""
+        ...
+
+    def frame(self, timestamp_s: float, arbitration_id: int, data: bytes | bytearray, is_rx: bool = True) -> None:
+        """One frame of ours."""
+        ...
+
+    def event(self, t_s: float, event: Event) -> None:
+        """One event outside of a recorded step."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a run ended, and what became of its commands."""
+
+    status: Status
+    reason: str
+    commands_sent: int
+    commands_lost: int
+    frames_lost: int
+
+
+class ControlLoop:
+    """Holds the controller's state between steps. One thread calls it.
+
+    true_level_cm : the emulator's levels for the record, where they can be known. on_tick : watches every step.
+    """
+
+    def __init__(
+        self,
+        config: ControllerConfig,
+        contract: Contract,
+        sensor_range_V: tuple[float, float],
+        port: Port,
+        recorder: Recorder,
+        *,
+        arm_timeout_s: float,
+        clear_trip: bool = False,
+        true_level_cm: Callable[[], Quad] | None = None,
+        on_tick: Callable[[Inputs, Output, Mode], None] | None = None,
+    ) -> None:
+        self._config = config
+        self._sender = CommandSender(contract)
+        self._receiver = Receiver(contract, self._sender, sensor_range_V)
+        self._port = port
+        self._recorder = recorder
+        self._arm_timeout_s = arm_timeout_s
+        self._clear_trip = clear_trip
+        self._true_level_cm = true_level_cm
+        self._on_tick = on_tick
+        self._state = ControllerState()
+        self._first_ns: int | None = None
+        self._ending_since_ns: int | None = None
+        self._why_not_ready = ""
+        self.outcome: Outcome | None = None
+
+    def receive(self, frame: Frame, received_ns: int) -> None:
+        """Read, decode: one frame off the bus."""
+        self._receiver.take(frame, received_ns)
+        self._recorder.frame(received_ns * 1e-9, frame.arbitration_id, frame.data, True)
+
+    def tick(self, now_ns: int, timing: Timing, stop_reason: str = "") -> None:
+        """Step, encode, write, record. `outcome` is set once the run is over and the pumps are known to be off."""
+        inputs = self._inputs(now_ns, timing, bool(stop_reason))
+        try:
+            self._state, output = controller.step(self._config, self._state, inputs, now_ns)
+            data = self._sender.encode(self._with_clearing(output, inputs), now_ns)
+        except Exception as error:  # noqa: BLE001 - whatever a step raises, this tick sends 0 V
+            text = f"{type(error).__name__}: {error}"
+            self._state, output = controller.fail(self._state, TripCause.CONTROLLER_FAILED, text)
+            data = self._sender.encode(output.command, now_ns)
+        self._send(data, now_ns)
+        self._record(output)
+        if self._on_tick is not None:
+            self._on_tick(inputs, output, self._state.supervision.mode)
+        self._settle(inputs, now_ns, stop_reason)
+
+    def make_safe(self, now_ns: int) -> None:
+        """Send 0 V, disabled, whatever has happened before. The last word of every way out."""
+        self._send(self._sender.encode(supervisor.OFF, now_ns), now_ns)
+
+    def _inputs(self, now_ns: int, timing: Timing, stop_requested: bool) -> Inputs:
+        receiver, port = self._receiver, self._port
+        return Inputs(
+            measurement=receiver.measurement(now_ns),
+            pumps=receiver.pumps(now_ns),
+            nodes=receiver.nodes(now_ns),
+            bus=receiver.bus(port.send_failures, port.is_up),
+            timing=timing,
+            stop_requested=stop_requested,
+        )
+
+    def _with_clearing(self, output: Output, inputs: Inputs) -> Command:
+        """While disarmed, and only if the operator asked for it, clear the trip that an earlier run left behind."""
+        may_clear = self._clear_trip and self._state.supervision.mode is Mode.DISARMED
+        if may_clear and inputs.pumps.state is NodeState.TRIPPED:
+            return supervisor.CLEAR
+        return output.command
+
+    def _send(self, data: bytes, now_ns: int) -> None:
+        if self._port.send(self._sender.frame_id, data, now_ns * 1e-9):
+            self._recorder.frame(now_ns * 1e-9, self._sender.frame_id, data, False)
+
+    def _record(self, output: Output) -> None:
+        if output.record is not None:
+            self._recorder.tick(output.record, self._true_level_cm() if self._true_level_cm else None)
+            return
+        for event in output.events:
+            self._recorder.event(0.0, event)
+
+    def _settle(self, inputs: Inputs, now_ns: int, stop_reason: str) -> None:
+        """Decide whether the run is over."""
+        if self._first_ns is None:
+            self._first_ns = now_ns
+        mode = self._state.supervision.mode
+        if mode in (Mode.DISARMED, Mode.READY):
+            waited_s = (now_ns - self._first_ns) * 1e-9
+            if stop_reason:
+                self._finish("stopped", stop_reason)
+            elif waited_s > self._arm_timeout_s:
+                blocker = supervisor.not_ready(self._config.limits, inputs)
+                text = f"not ready within {self._arm_timeout_s:g} s: {blocker}"
+                self._recorder.event(0.0, Event(Severity.ERROR, "not_ready", text))
+                self._finish("failed", text)
+            return
+        if mode.is_controlling:
+            return
+        if self._ending_since_ns is None:
+            self._ending_since_ns = now_ns
+        is_confirmed = supervisor.is_at_rest(inputs) and inputs.pumps.unechoed_s == 0.0
+        if is_confirmed or (now_ns - self._ending_since_ns) * 1e-9 > REST_TIMEOUT_S:
+            unconfirmed = "" if is_confirmed else "; the pump node has not confirmed 0 V"
+            if mode is Mode.TRIPPED:
+                cause = self._state.supervision.cause
+                self._finish("tripped", f"{cause.value if cause else 'unknown'}{unconfirmed}")
+            else:
+                self._finish("stopped" if stop_reason else "complete", (stop_reason or "duration over") + unconfirmed)
+
+    def _finish(self, status: Status, reason: str) -> None:
+        self.outcome = Outcome(status, reason, self._sender.sent, self._sender.lost, self._receiver.lost)

@@ -1,0 +1,58 @@
+"""The loop in real time: one thread, absolute deadlines, a late step skipped and recorded, never made up for.
+
+Between deadlines the thread waits for frames. Whatever ends the loop, the last thing it sends is 0 V.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+from hil.core.types import Timing
+from hil.edge.bus import BusPort
+from hil.loop import ControlLoop, Outcome
+
+DOWN_POLL_S = 0.005
+"""A bus that is down returns at once; look again after this long."""
+
+
+class Clock(Protocol):
+    """What the runtime needs of a clock."""
+
+    def now_ns(self) -> int:
+        """Monotonic time."""
+        ...
+
+    def sleep_until(self, deadline_ns: int) -> None:
+        """Wait for a time to come."""
+        ...
+
+
+def run(loop: ControlLoop, port: BusPort, clock: Clock, period_s: float, stop_reason: Callable[[], str]) -> Outcome:
+    """Run to the end. stop_reason : "" as long as nobody has asked to stop."""
+    period_ns = round(period_s * 1e9)
+    skipped = 0
+    deadline_ns = clock.now_ns() + period_ns
+    try:
+        while loop.outcome is None:
+            _listen(loop, port, clock, deadline_ns)
+            now_ns = clock.now_ns()
+            late_ns = now_ns - deadline_ns
+            missed = late_ns // period_ns
+            skipped += missed
+            loop.tick(now_ns, Timing(late_ns * 1e-9, skipped), stop_reason())
+            deadline_ns += period_ns * (missed + 1)
+    finally:
+        loop.make_safe(clock.now_ns())
+    return loop.outcome
+
+
+def _listen(loop: ControlLoop, port: BusPort, clock: Clock, deadline_ns: int) -> None:
+    """Take in frames as they come until the deadline."""
+    while (remaining_ns := deadline_ns - clock.now_ns()) > 0:
+        if not port.is_up:
+            clock.sleep_until(min(deadline_ns, clock.now_ns() + int(DOWN_POLL_S * 1e9)))
+            continue
+        message = port.receive(remaining_ns * 1e-9)
+        if message is not None:
+            loop.receive(message, clock.now_ns())

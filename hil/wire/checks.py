@@ -1,0 +1,80 @@
+"""What a frame has to pass before it changes anything: kind, length, CRC, counter, range; refusals count by cause.
+
+The counter rises by one from frame to frame of an identifier. Against the last accepted one:
+    0          the same frame again: refused          1..8   accepted; all but the first step are frames lost
+    9..15      an older frame: refused                any, after 150 ms without an accepted frame: accepted
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Protocol
+
+from hil.wire.contract import Decoded, FrameSpec, crc8
+
+RESYNCHRONISE_NS = 150_000_000
+LARGEST_COUNTER_STEP = 8
+
+
+class Frame(Protocol):
+    """What is looked at of a frame; python-can's Message has it all."""
+
+    arbitration_id: int
+    data: bytearray
+    is_extended_id: bool
+    is_remote_frame: bool
+    is_error_frame: bool
+    is_fd: bool
+
+
+class Rejection(StrEnum):
+    """Why a frame changed nothing."""
+
+    ERROR_FRAME = "error_frame"
+    KIND = "kind"
+    UNKNOWN_ID = "unknown_id"
+    LENGTH = "length"
+    CRC = "crc"
+    DUPLICATE = "duplicate"
+    OLD = "old"
+    RANGE = "range"
+
+
+@dataclass(slots=True)
+class FrameCheck:
+    """The checks of one identifier, with the counter and time of the last frame accepted."""
+
+    spec: FrameSpec
+    counter: int = -1
+    accepted_ns: int = 0
+    lost: int = 0
+    _crc_size: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._crc_size = self.spec.length - 1
+
+    def admit(self, frame: Frame, received_ns: int) -> Decoded | Rejection:
+        """The frame's values in units, or why it is refused. A refused frame leaves no trace here."""
+        spec = self.spec
+        if frame.is_extended_id or frame.is_remote_frame or frame.is_fd:
+            return Rejection.KIND
+        data = bytes(frame.data)
+        if len(data) != spec.length:
+            return Rejection.LENGTH
+        if crc8(spec.data_id + data[:-1]) != data[-1]:
+            return Rejection.CRC
+        values = spec.decode(data)
+        counter = int(values["Counter"])
+        step = (counter - self.counter) % 16
+        in_sequence = self.counter >= 0 and received_ns - self.accepted_ns <= RESYNCHRONISE_NS
+        if in_sequence and not 1 <= step <= LARGEST_COUNTER_STEP:
+            return Rejection.DUPLICATE if step == 0 else Rejection.OLD
+        for name, lowest, highest in spec.ranges:
+            if not lowest <= values[name] <= highest:
+                return Rejection.RANGE
+        if in_sequence:
+            self.lost += step - 1
+        self.counter = counter
+        self.accepted_ns = received_ns
+        return values

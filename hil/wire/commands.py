@@ -1,0 +1,81 @@
+"""Commands to frames, and what has become of them: which are echoed, which got lost on the way."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+from hil.core.types import Command, Pair
+from hil.wire.contract import Contract, crc8
+
+LONGEST_MEMORY = 15
+"""A 4-bit echo tells no more commands apart."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sent:
+    """A command on its way: its number since the start, its counter, when it went out, and what it asked for."""
+
+    number: int
+    counter: int
+    sent_ns: int
+    voltage_V: Pair
+    enable: bool
+
+
+class CommandSender:
+    """Encodes commands with counter and CRC, and matches the node's echoes to them."""
+
+    def __init__(self, contract: Contract) -> None:
+        """The PumpCommand frame of this contract."""
+        self._spec = contract.frames["PumpCommand"]
+        self._pending: deque[Sent] = deque(maxlen=LONGEST_MEMORY)
+        self._echoed: Sent | None = None
+        self._base: tuple[int, int] | None = None
+        self.sent = 0
+        self.lost = 0
+
+    @property
+    def frame_id(self) -> int:
+        """Identifier of PumpCommand."""
+        return self._spec.frame_id
+
+    def encode(self, command: Command, now_ns: int) -> bytes:
+        """Payload of the next frame. The supervisor has limited the voltages: out of range is a bug (EncodeError)."""
+        counter = self.sent % 16
+        values = {
+            "Command1": command.voltage_V[0],
+            "Command2": command.voltage_V[1],
+            "Enable": int(command.enable),
+            "ClearTrip": int(command.clear_trip),
+            "Counter": counter,
+            "Crc": 0,
+        }
+        payload = self._spec.message.encode(values, strict=True)
+        self._pending.append(Sent(self.sent, counter, now_ns, command.voltage_V, command.enable))
+        self.sent += 1
+        return payload[:-1] + bytes((crc8(self._spec.data_id + payload[:-1]),))
+
+    def echo(self, counter: int, accepted: int) -> Sent | None:
+        """Take note of an echo and of the node's count of accepted commands (modulo 256); the command it stands for.
+
+        Commands older than the echoed one are settled too: accepted or, as the count then shows, lost.
+        """
+        if self._base is None and accepted == 0:
+            return None  # a node that has accepted nothing since its boot echoes nothing
+        match = next((sent for sent in self._pending if sent.counter == counter), None)
+        if match is None:
+            return self._echoed if self._echoed is not None and self._echoed.counter == counter else None
+        while self._pending and self._pending[0].number <= match.number:
+            self._pending.popleft()
+        self._echoed = match
+        if self._base is None:
+            self._base = match.number, accepted
+        else:
+            self.lost += (match.number - self._base[0] - (accepted - self._base[1])) % 256
+            self._base = match.number, accepted
+        return match
+
+    def unechoed_s(self, now_ns: int) -> float:
+        """How long the oldest unsettled command has been waiting; 0 when there is none."""
+        return (now_ns - self._pending[0].sent_ns) * 1e-9 if self._pending else 0.0

@@ -1,0 +1,163 @@
+"""Frames in, the records of a control step out: newest levels with their age, the pump node's feedback, heartbeats."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from math import inf, nan
+
+from hil.core.types import BusHealth, Measurement, NodeHealth, NodeState, Pair, PumpFeedback, Quad
+from hil.wire.checks import Frame, FrameCheck, Rejection
+from hil.wire.commands import CommandSender
+from hil.wire.contract import Contract, Decoded
+
+CHANNEL_OK = 0
+UNKNOWN = (nan, nan)
+
+
+@dataclass(slots=True)
+class LevelPair:
+    """What one level frame has brought: the newest readings, their channel status, and the sums since the last step."""
+
+    names: tuple[str, str, str, str]
+    received_ns: int = -1
+    newest_V: Pair = UNKNOWN
+    is_ok: tuple[bool, bool] = (False, False)
+    sum_V: Pair = (0.0, 0.0)
+    count: int = 0
+
+    def take(self, values: Decoded, received_ns: int) -> None:
+        """One accepted frame."""
+        first, second, status1, status2 = self.names
+        a, b = values[first], values[second]
+        self.newest_V = (a, b)
+        self.is_ok = (values[status1] == CHANNEL_OK, values[status2] == CHANNEL_OK)
+        self.sum_V = (self.sum_V[0] + a, self.sum_V[1] + b)
+        self.count += 1
+        self.received_ns = received_ns
+
+    def mean(self) -> Pair:
+        """Mean since the last call, or the newest reading when nothing came; begins a new mean."""
+        if self.count == 0:
+            return self.newest_V
+        mean = (self.sum_V[0] / self.count, self.sum_V[1] / self.count)
+        self.sum_V, self.count = (0.0, 0.0), 0
+        return mean
+
+
+@dataclass(slots=True)
+class Beat:
+    """One node's heartbeat: when it last came, its boot count at first sight, and what it said since."""
+
+    received_ns: int = -1
+    boot_count: int = -1
+    rebooted: bool = False
+    contract_matches: bool = True
+
+
+class Receiver:
+    """Checks and decodes frames of ours; holds what the next control step will see."""
+
+    def __init__(self, contract: Contract, sender: CommandSender, sensor_range_V: Pair) -> None:
+        """sensor_range_V : readings outside it are not valid, whatever the node says."""
+        self._checks = {spec.frame_id: FrameCheck(spec) for spec in contract.frames.values()}
+        self._names = {spec.frame_id: spec.name for spec in contract.frames.values()}
+        self._fingerprint = contract.fingerprint
+        self._sender = sender
+        self._range_V = sensor_range_V
+        self._lower = LevelPair(("Level1", "Level2", "Status1", "Status2"))
+        self._upper = LevelPair(("Level3", "Level4", "Status3", "Status4"))
+        self._beats = {"PumpHeartbeat": Beat(), "LevelHeartbeat": Beat()}
+        self._status_ns = -1
+        self._applied_V: Pair = UNKNOWN
+        self._shortfall_V: Pair = (0.0, 0.0)
+        self._state = NodeState.BOOT
+        self._trip_cause = 0
+        self.rejections: Counter[Rejection] = Counter()
+        self.accepted = 0
+        self.foreign_commands = 0
+
+    def take(self, frame: Frame, received_ns: int) -> Rejection | None:
+        """One frame off the bus at its monotonic time of arrival; why it was refused, or None."""
+        rejection = self._take(frame, received_ns)
+        if rejection is None:
+            self.accepted += 1
+        else:
+            self.rejections[rejection] += 1
+        return rejection
+
+    @property
+    def lost(self) -> int:
+        """Frames that counters show to be missing."""
+        return sum(check.lost for check in self._checks.values())
+
+    def _take(self, frame: Frame, received_ns: int) -> Rejection | None:
+        if frame.is_error_frame:
+            return Rejection.ERROR_FRAME
+        check = self._checks.get(frame.arbitration_id)
+        if check is None:
+            return Rejection.UNKNOWN_ID
+        values = check.admit(frame, received_ns)
+        if isinstance(values, Rejection):
+            return values
+        name = self._names[frame.arbitration_id]
+        if name == "LowerLevels":
+            self._lower.take(values, received_ns)
+        elif name == "UpperLevels":
+            self._upper.take(values, received_ns)
+        elif name == "PumpStatus":
+            self._take_status(values, received_ns)
+        elif name == "PumpCommand":
+            self.foreign_commands += 1
+        else:
+            self._take_heartbeat(self._beats[name], values, received_ns)
+        return None
+
+    def _take_status(self, values: Decoded, received_ns: int) -> None:
+        self._status_ns = received_ns
+        self._applied_V = (values["Applied1"], values["Applied2"])
+        self._state = NodeState(int(values["State"]))
+        self._trip_cause = int(values["TripCause"])
+        echoed = self._sender.echo(int(values["Echo"]), int(values["Accepted"]))
+        if echoed is not None:
+            asked = echoed.voltage_V if echoed.enable else (0.0, 0.0)
+            self._shortfall_V = (asked[0] - self._applied_V[0], asked[1] - self._applied_V[1])
+
+    def _take_heartbeat(self, beat: Beat, values: Decoded, received_ns: int) -> None:
+        boot_count = int(values["BootCount"])
+        beat.rebooted |= beat.boot_count not in (-1, boot_count)
+        beat.boot_count = boot_count
+        beat.contract_matches = int(values["Contract"]) == self._fingerprint
+        beat.received_ns = received_ns
+
+    def measurement(self, now_ns: int) -> Measurement:
+        """The levels for the step at now_ns; begins a new mean."""
+        readings = min(self._lower.count, self._upper.count)
+        (y1, y2), (y3, y4) = self._lower.mean(), self._upper.mean()
+        level_V: Quad = (y1, y2, y3, y4)
+        low, high = self._range_V
+        newest = (*self._lower.newest_V, *self._upper.newest_V)
+        ok = (*self._lower.is_ok, *self._upper.is_ok)
+        v1, v2, v3, v4 = (is_ok and low <= y <= high for is_ok, y in zip(ok, newest, strict=True))
+        return Measurement(level_V, (v1, v2, v3, v4), self._age_s(now_ns, self._lower, self._upper), readings)
+
+    def pumps(self, now_ns: int) -> PumpFeedback:
+        """What the pump node last said."""
+        age_s = (now_ns - self._status_ns) * 1e-9 if self._status_ns >= 0 else inf
+        unechoed_s = self._sender.unechoed_s(now_ns)
+        return PumpFeedback(self._applied_V, self._shortfall_V, self._state, self._trip_cause, age_s, unechoed_s)
+
+    def nodes(self, now_ns: int) -> NodeHealth:
+        """What the heartbeats say of both nodes."""
+        beats = tuple(self._beats.values())
+        rebooted = any(beat.rebooted for beat in beats)
+        return NodeHealth(self._age_s(now_ns, *beats), rebooted, all(beat.contract_matches for beat in beats))
+
+    def bus(self, send_failures: int, is_up: bool) -> BusHealth:
+        """Counters so far."""
+        return BusHealth(self.accepted, self.rejections.total(), send_failures, self.foreign_commands, is_up)
+
+    @staticmethod
+    def _age_s(now_ns: int, *sources: LevelPair | Beat) -> float:
+        oldest = min(source.received_ns for source in sources)
+        return (now_ns - oldest) * 1e-9 if oldest >= 0 else inf
