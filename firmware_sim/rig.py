@@ -139,7 +139,7 @@ class Rig:
 
     def _catch_up(self, to_ns: int) -> None:
         if to_ns < self._now_ns:
-            raise ValueError(f"time {to_ns} ns is outside {self._now_ns} ns .. (the emulator's clock never goes back)")
+            raise ValueError(f"time {to_ns} ns is before {self._now_ns} ns, to which the rig has advanced")
         while (due_ns := self.next_event_ns) <= to_ns:
             self._now_ns = due_ns
             self._happen(due_ns)

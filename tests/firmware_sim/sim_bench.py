@@ -1,0 +1,42 @@
+"""Helpers of the emulator's tests: paths, settings with changed keys, command frames."""
+
+import struct
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from can import Message
+
+from firmware_sim.settings import EmulatorSettings, load
+from firmware_sim.wire import COMMAND_ID, sealed
+
+ROOT = Path(__file__).resolve().parents[2]
+CONFIG = ROOT / "config"
+GOLDEN = tomllib.loads((ROOT / "tests/golden/frames.toml").read_text())["frame"]
+MS = 1_000_000
+SECOND = 1_000_000_000
+
+
+def emulator(**tables: dict[str, Any]) -> EmulatorSettings:
+    """emulator.toml of the project with some keys changed: emulator(pumps={"lag_s": 0.0})."""
+    values = tomllib.loads((CONFIG / "emulator.toml").read_text())
+    for table, keys in tables.items():
+        values[table] |= keys
+    return EmulatorSettings.model_validate(values)
+
+
+def shipped() -> EmulatorSettings:
+    return load(CONFIG / "emulator.toml")[0]
+
+
+def command_bytes(v1=0.0, v2=0.0, *, enable=True, clear=False, counter=0) -> bytes:
+    flags = enable | clear << 1 | counter << 4
+    return sealed(COMMAND_ID, struct.pack("<HHB", round(v1 * 5000), round(v2 * 5000), flags))
+
+
+def frame_of(data: bytes, can_id=COMMAND_ID, **kind: Any) -> Message:
+    return Message(arbitration_id=can_id, data=data, **({"is_extended_id": False} | kind))
+
+
+def command(v1=0.0, v2=0.0, *, enable=True, clear=False, counter=0) -> Message:
+    return frame_of(command_bytes(v1, v2, enable=enable, clear=clear, counter=counter))

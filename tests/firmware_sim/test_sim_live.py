@@ -1,0 +1,154 @@
+"""The command in its own process and in real time, with python-can's slcan bus as its host."""
+
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from itertools import pairwise
+
+import can
+import pytest
+from sim_bench import CONFIG, command
+
+from firmware_sim.settings import load_fingerprint
+
+pytestmark = pytest.mark.live
+
+HOST = """
+import sys, time, can
+bus = can.Bus(sys.argv[1], "slcan", bitrate=500000, sleep_after_open=0, ignore_config=True)
+for counter, data in enumerate(sys.argv[2:]):
+    bus.send(can.Message(arbitration_id=0x201, is_extended_id=False, data=bytes.fromhex(data)))
+    time.sleep(0.05)
+print("sent", flush=True)
+time.sleep(60)
+"""
+
+
+def first_line(process, timeout_s=10.0):
+    readable, _, _ = select.select([process.stdout], [], [], timeout_s)
+    assert readable, "no line in time"
+    return process.stdout.readline()
+
+
+@contextmanager
+def emulator_process(*arguments):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "firmware_sim", *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        line = first_line(process)
+        assert line.startswith("firmware-sim ready: slcan on "), process.stderr.read()
+        yield process, line.split()[-1]
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@contextmanager
+def host_bus(channel):
+    bus = can.Bus(channel, "slcan", bitrate=500_000, sleep_after_open=0, ignore_config=True)
+    try:
+        yield bus
+    finally:
+        bus.shutdown()
+
+
+@pytest.fixture(params=["--slcan 0", "--pty"])
+def transport(request):
+    return request.param.split()
+
+
+def frames_for(bus, duration_s):
+    frames, end_s = [], time.monotonic() + duration_s
+    while time.monotonic() < end_s:
+        frame = bus.recv(0.01)
+        if frame is not None:
+            frames.append(frame)
+    return frames
+
+
+def changes_of(record):
+    return [json.loads(line) for line in record.read_text().splitlines()]
+
+
+def wait_for(condition, timeout_s=5.0):
+    end_s = time.monotonic() + timeout_s
+    while not (result := condition()):
+        assert time.monotonic() < end_s, "did not happen in time"
+        time.sleep(0.01)
+    return result
+
+
+def test_levels_arrive_and_a_command_is_echoed(transport):
+    with emulator_process(*transport) as (_, channel), host_bus(channel) as bus:
+        frames_for(bus, 0.4)
+        bus.send(command(3.0, 4.0, counter=11))
+        frames = frames_for(bus, 0.5)
+        by_id = {can_id: [f for f in frames if f.arbitration_id == can_id] for can_id in (0x181, 0x182, 0x282, 0x701)}
+        assert len(by_id[0x182]) == pytest.approx(25, abs=8)
+        counters = [frame.data[5] for frame in by_id[0x182]]
+        assert all((b - a) % 16 == 1 for a, b in pairwise(counters))
+        assert any(frame.data[5] & 0x0F == 11 and frame.data[4] == 2 for frame in by_id[0x181])
+        contract = int.from_bytes(by_id[0x701][-1].data[3:7], "little")
+        assert contract == load_fingerprint(CONFIG / "bench.dbc")
+
+
+def test_a_host_that_vanishes_leaves_the_pumps_at_zero_volts_within_the_watchdog_time(transport, tmp_path):
+    record = tmp_path / "changes.jsonl"
+    commands = [command(3.0 + counter / 10, 3.0, counter=counter).data.hex() for counter in range(8)]
+    with emulator_process(*transport, "--record", record) as (_, channel):
+        wait_for(lambda: any(change["state"] == "ready" for change in changes_of(record)))
+        host = subprocess.Popen([sys.executable, "-c", HOST, channel, *commands], stdout=subprocess.PIPE, text=True)
+        assert first_line(host) == "sent\n"
+        host.kill()
+        host.communicate()
+        pump = wait_for(
+            lambda: [c for c in changes_of(record) if c["node"] == "pump"] if "watchdog" in record.read_text() else []
+        )
+        trip, last = pump[-1], pump[-2]
+        assert (trip["state"], trip["applied_V"], trip["cause"]) == ("tripped", [0.0, 0.0], "watchdog")
+        assert (last["state"], last["cause"]) == ("run", "command")
+        assert trip["t_s"] - last["t_s"] == pytest.approx(0.25, abs=1e-6)
+        with host_bus(channel) as bus:
+            assert any(f.arbitration_id == 0x181 and f.data[4] == 0x13 for f in frames_for(bus, 0.5))
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+def test_every_orderly_end_puts_out_zero_volts(number, tmp_path):
+    record = tmp_path / "changes.jsonl"
+    with emulator_process("--slcan", 0, "--record", record) as (process, channel):
+        wait_for(lambda: any(change["state"] == "ready" for change in changes_of(record)))
+        with host_bus(channel) as bus:
+            bus.send(command(3.0, 4.0))
+            wait_for(lambda: any(change["cause"] == "command" for change in changes_of(record)))
+            process.send_signal(number)
+            assert process.wait(2.0) == 0
+        last = [change for change in changes_of(record) if change["node"] == "pump"][-1]
+        assert (last["cause"], last["applied_V"]) == ("shutdown", [0.0, 0.0])
+        assert process.stdout.read() == ""
+        assert process.stderr.read() == ""
+
+
+def test_tcp_host_may_come_again_after_a_wild_end():
+    with emulator_process("--slcan", 0) as (_, channel):
+        for _ in range(5):
+            with host_bus(channel) as bus:
+                assert frames_for(bus, 0.15)
+
+
+def test_garbage_does_not_stop_the_service(transport):
+    with emulator_process(*transport) as (process, channel):
+        with host_bus(channel) as bus:
+            bus.serialPortOrig.write(os.urandom(2000) + b"x" * 3000 + b"\r")
+            time.sleep(0.2)
+        with host_bus(channel) as bus:
+            assert frames_for(bus, 0.3)
+        assert process.poll() is None

@@ -1,0 +1,306 @@
+"""Ports and service without real time: virtual bus, sockets and pseudo-terminals driven by hand."""
+
+import os
+import socket
+import tty
+
+import can
+import pytest
+from sim_bench import MS, SECOND, command, shipped
+
+from firmware_sim.links import OUTPUT_MAX_BYTES, LineQueue, listen
+from firmware_sim.ports import BusPort, PtyPort, TcpPort
+from firmware_sim.rig import Rig
+from firmware_sim.serve import PortLostError, Service
+from firmware_sim.wire import NodeState
+
+GOOD = b"t2016983A204E1106\r"
+
+
+def bench(changes=None):
+    return Rig(shipped(), (), 1, 0, changes.append if changes is not None else None)
+
+
+@pytest.fixture
+def virtual_pair(request):
+    name = request.node.name
+    buses = [can.Bus(name, "virtual", ignore_config=True, preserve_timestamps=True) for _ in range(2)]
+    yield buses
+    for bus in buses:
+        bus.shutdown()
+
+
+def received(bus):
+    frames = []
+    while (frame := bus.recv(0)) is not None:
+        frames.append(frame)
+    return frames
+
+
+def test_lockstep_over_a_virtual_bus_keeps_simulated_time(virtual_pair):
+    mine, rigs = virtual_pair
+    port = BusPort(bench(), rigs)
+    port.step(300 * MS)
+    assert [frame.timestamp for frame in received(mine)][-1] == 0.3
+    mine.send(command(3.0, 3.0))
+    port.step(300 * MS)
+    assert port.rig.truth().pump_state is NodeState.RUN
+    assert port.rig.start_ns == 300 * MS
+    assert received(mine) == []
+    port.step(400 * MS)
+    assert [frame.timestamp for frame in received(mine)] == [
+        *[0.32] * 2,
+        *[0.34] * 2,
+        0.35,
+        *[0.36] * 2,
+        *[0.38] * 2,
+        *[0.4] * 5,
+    ]
+
+
+class BrokenBus:
+    """A bus whose every call fails in its own way."""
+
+    def __init__(self, error):
+        self._error = error
+
+    def recv(self, _timeout):
+        raise self._error
+
+    def send(self, _frame, timeout):  # noqa: ARG002 - named by its callers
+        raise self._error
+
+    def fileno(self):
+        raise self._error
+
+
+@pytest.mark.parametrize(
+    "error", [can.CanOperationError("down"), OSError(100, "down"), ValueError("x"), IndexError("y")]
+)
+def test_errors_of_a_bus_are_counted_and_survived(error):
+    port = BusPort(bench(), BrokenBus(error))
+    port.step(100 * MS)
+    assert port.errors["receive"] == 1
+    assert port.errors["send"] == 7
+    assert port.filenos() == []
+
+
+def connected(tcp_port):
+    client = socket.create_connection(tcp_port._listener.getsockname())
+    client.setblocking(False)
+    return client
+
+
+def text_of(client):
+    try:
+        return client.recv(65_536)
+    except BlockingIOError:
+        return None
+
+
+@pytest.fixture
+def tcp():
+    port = TcpPort(bench(), listen(0))
+    yield port
+    port.close()
+
+
+def turn(port, now_ns):
+    port.read(now_ns)
+    port.read(now_ns)
+    port.send(port._rig.advance(now_ns))
+
+
+def test_tcp_host_opens_reads_levels_and_commands(tcp):
+    with connected(tcp) as client:
+        turn(tcp, 100 * MS)
+        assert text_of(client) is None
+        client.send(b"S6\rO\r")
+        turn(tcp, 250 * MS)
+        assert text_of(client).startswith(b"\r\rt181")
+        client.send(GOOD)
+        turn(tcp, 300 * MS)
+        assert text_of(client).startswith(b"z\r")
+        assert tcp._rig.truth().pump_state is NodeState.RUN
+
+
+def test_tcp_takes_one_host_at_a_time_and_a_new_one_after_it_left(tcp):
+    first = connected(tcp)
+    turn(tcp, 10 * MS)
+    with connected(tcp) as second:
+        turn(tcp, 20 * MS)
+        assert text_of(second) == b""
+        assert tcp.refused == 1
+    first.send(b"O\r")
+    turn(tcp, 30 * MS)
+    assert text_of(first) == b"\r"
+    first.close()
+    with connected(tcp) as third:
+        turn(tcp, 40 * MS)
+        third.send(b"V\r")
+        turn(tcp, 50 * MS)
+        assert text_of(third) == b"V1013\r"
+
+
+def test_a_new_host_finds_a_closed_channel(tcp):
+    with connected(tcp) as first:
+        first.send(b"O\r")
+        turn(tcp, 100 * MS)
+    with connected(tcp) as second:
+        turn(tcp, 300 * MS)
+        turn(tcp, 400 * MS)
+        assert text_of(second) is None
+
+
+def test_a_host_that_does_not_read_never_blocks_the_rig_and_is_replaced(tcp):
+    with connected(tcp) as lazy:
+        lazy.send(b"O\r")
+        for step in range(1, 9000):
+            turn(tcp, step * 100 * MS)
+            if tcp._link.is_stuck:
+                break
+        assert tcp._link.queue.dropped > 0
+        assert len(tcp._link.queue) <= OUTPUT_MAX_BYTES
+        with connected(tcp) as eager:
+            turn(tcp, 1000 * SECOND)
+            eager.send(b"V\r")
+            turn(tcp, 1000 * SECOND)
+            assert text_of(eager) == b"V1013\r"
+
+
+def test_a_second_service_cannot_take_the_port(tcp):
+    with pytest.raises(OSError, match="in use"):
+        listen(tcp._listener.getsockname()[1])
+
+
+def test_queue_drops_whole_oldest_lines_but_never_a_begun_one():
+    queue = LineQueue()
+    queue.put(b"begun\r")
+    queue.wrote(2)
+    line = b"x" * 99 + b"\r"
+    for _ in range(OUTPUT_MAX_BYTES // 100 + 5):
+        queue.put(line)
+    assert queue.dropped > 0
+    assert queue.waiting() == b"gun\r" + line * (len(queue) // 100)
+    queue.wrote(4 + 100)
+    assert queue.waiting().startswith(line)
+    queue.wrote(len(queue))
+    assert not queue
+    assert queue.waiting() == b""
+
+
+@pytest.fixture
+def pty_port():
+    port = PtyPort(bench())
+    yield port
+    port.close()
+
+
+def opened(path):
+    fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    tty.setraw(fd)
+    return fd
+
+
+def test_pty_host_comes_goes_and_comes_again(pty_port):
+    turn(pty_port, 50 * MS)
+    assert pty_port.filenos() == []
+    for start in (100, 1000):
+        fd = opened(pty_port.path)
+        os.write(fd, b"V\rO\r")
+        turn(pty_port, start * MS)
+        turn(pty_port, (start + 200) * MS)
+        assert os.read(fd, 65_536).startswith(b"V1013\r\rt1")
+        assert pty_port.filenos() != []
+        os.close(fd)
+        turn(pty_port, (start + 300) * MS)
+        assert pty_port.filenos() == []
+
+
+def test_pty_host_that_does_not_read_never_blocks_the_rig(pty_port):
+    fd = opened(pty_port.path)
+    os.write(fd, b"O\r")
+    for step in range(1, 900):
+        turn(pty_port, step * 100 * MS)
+    assert pty_port._link.queue.dropped > 0
+    os.close(fd)
+
+
+class FakeClock:
+    """A monotonic clock that goes on by a step at each look."""
+
+    def __init__(self, step_ns):
+        self.now_ns = 10**12
+        self._step_ns = step_ns
+
+    def __call__(self):
+        self.now_ns += self._step_ns
+        return self.now_ns
+
+
+class ScriptedPort:
+    """A port that does what a list of functions says, one a turn, and then stops the service."""
+
+    def __init__(self, script):
+        self.script = list(script)
+        self.sent, self.is_closed, self.service = [], False, None
+
+    def filenos(self):
+        return []
+
+    def read(self, now_ns):
+        if not self.script:
+            self.service.stop()
+            return True
+        return self.script.pop(0)(now_ns)
+
+    def send(self, frames):
+        self.sent.append(frames)
+
+    def close(self):
+        self.is_closed = True
+
+
+def serve(script, changes, step_ns=MS):
+    rig, port = bench(changes), ScriptedPort(script)
+    service = Service(rig, port, FakeClock(step_ns))
+    port.service = service
+    return rig, port, service
+
+
+def test_stop_puts_out_zero_volts_reports_it_and_closes_the_port():
+    changes = []
+    _, port, service = serve([], changes)
+    service.serve()
+    assert [change.cause for change in changes[-2:]] == ["shutdown", "shutdown"]
+    assert port.is_closed
+
+
+def test_an_exception_puts_out_zero_volts_too():
+    changes = []
+
+    def run_then_fail(now_ns):
+        rig.receive(command(3.0, 3.0), now_ns)
+        assert rig.truth().applied_V != (0.0, 0.0)
+        raise RuntimeError("broken")
+
+    rig, port, service = serve([lambda now_ns: now_ns > 0] * 200 + [run_then_fail], changes, step_ns=2 * MS)
+    with pytest.raises(RuntimeError, match="broken"):
+        service.serve()
+    assert rig.truth().applied_V == (0.0, 0.0)
+    assert (changes[-2].node, changes[-2].cause, changes[-2].applied_V) == ("pump", "shutdown", (0.0, 0.0))
+    assert port.is_closed
+
+
+def test_after_a_stall_only_fresh_frames_are_sent():
+    _, port, service = serve([lambda _now: True], [], step_ns=5 * SECOND)
+    service.serve()
+    assert service.stale_frames > 100
+    assert len(port.sent[0]) < 30
+
+
+def test_a_port_that_stays_broken_ends_the_service():
+    _, port, service = serve([lambda _now: False] * 1000, [], step_ns=20 * MS)
+    with pytest.raises(PortLostError, match="5 s"):
+        service.serve()
+    assert port.is_closed

@@ -1,0 +1,178 @@
+"""Settings: every wrong input is one line that names file, key, value and what is allowed."""
+
+import subprocess
+import sys
+
+import pytest
+from sim_bench import CONFIG
+
+from firmware_sim.settings import SettingsError, default_config_dir, equilibrium_cm, load
+
+EMULATOR = (CONFIG / "emulator.toml").read_text()
+
+BAD_EMULATOR = [
+    ("lag_s = 0.2", "lag_s = 0.2\ncolour = 3", ["pumps.colour", "unknown key"]),
+    ("[tanks]", "[extra]\n[tanks]", ["extra", "unknown key"]),
+    ("height_cm = 20.0", "", ["tanks.height_cm", "missing"]),
+    ("height_cm = 20.0", "height_cm = nan", ["tanks.height_cm = nan", "1 .. 1000"]),
+    ("height_cm = 20.0", "height_cm = inf", ["tanks.height_cm = inf", "1 .. 1000"]),
+    ("height_cm = 20.0", 'height_cm = "20"', ["tanks.height_cm = '20'", "number in 1 .. 1000"]),
+    ("height_cm = 20.0", "height_cm = true", ["tanks.height_cm = True", "number in 1 .. 1000"]),
+    ("height_cm = 20.0", "height_cm = 0.5", ["tanks.height_cm = 0.5", "outside 1 .. 1000"]),
+    ("area_cm2 = [28.0,", "area_cm2 = [-1.0,", ["tanks.area_cm2[0] = -1.0", "0.1 .. 100000"]),
+    ("start_V = [3.0, 3.0]", "start_V = [3.0]", ["tanks.start_V = [3.0]", "list of 2"]),
+    ("start_V = [3.0, 3.0]", "start_V = [3.0, 10.5]", ["tanks.start_V[1] = 10.5", "0 .. 10"]),
+    ("start_V = [3.0, 3.0]", "start_V = [9.0, 9.0]", ["tanks.start_V", "0 .. 20 cm"]),
+    ("hold_until_run = true", "hold_until_run = 1", ["tanks.hold_until_run = 1", "boolean"]),
+    ("valve_split = [0.70,", "valve_split = [1.70,", ["pumps.valve_split[0] = 1.7", "0 .. 1"]),
+    ("dac_bits = 12", "dac_bits = 11", ["pumps.dac_bits = 11", "0, 8, 10, 12, 14, 16"]),
+    ("adc_bits = 12", "adc_bits = 12.0", ["sensors.adc_bits = 12.0", "0, 12, 16"]),
+    ("watchdog_s = 0.25", "watchdog_s = -0.25", ["nodes.watchdog_s = -0.25", "0.01 .. 10"]),
+    ("[nodes]", "[nodes", ["not valid TOML"]),
+]
+
+BAD_SCENARIO = [
+    ("[emulator]\npumps.lag_s = -1.0", ["emulator.pumps.lag_s = -1.0", "0 .. 60"]),
+    ("[emulator]\npumps.nix = 1", ["emulator.pumps.nix = 1", "unknown key"]),
+    ("[emulator]\nnix = 1", ["emulator.nix = 1", "unknown key"]),
+    ("[emulator]\npumps = 3", ["emulator.pumps = 3", "table"]),
+    ("[emulator]\ntanks.start_V = [9.0, 9.0]", ["tanks.start_V", "0 .. 20 cm"]),
+    ("[emulator]\npumps.valve_split = [0.5, 2.0]", ["emulator.pumps.valve_split[1] = 2.0", "0 .. 1"]),
+    ("emulator = 3", ["emulator = 3", "table"]),
+    ("fault = 3", ["fault = 3", "[[fault]]"]),
+    ("fault = [3]", ["fault[0] = 3", "table"]),
+    ("[[fault]]\nat_s = 1.0\ntarget = 1\nvalue = 0.4", ["fault[0].kind", "missing"]),
+    (
+        '[[fault]]\nat_s = 1.0\ntarget = 1\nvalue = 0.4\nkind = "flood"',
+        ["fault[0].kind = 'flood'", "pump_effectiveness"],
+    ),
+    ("GOOD\n[[fault]]\nat_s = nan\ntarget = 1\nvalue = 0.4\nKIND", ["fault[1].at_s = nan", "0 .. 1e+07"]),
+    ("[[fault]]\nat_s = 1.0\ntarget = 3\nvalue = 0.4\nKIND", ["fault[0].target = 3", "1, 2"]),
+    ("[[fault]]\nat_s = 1.0\ntarget = 1\nvalue = 1.4\nKIND", ["fault[0].value = 1.4", "0 .. 1"]),
+    ("[[fault]]\nat_s = 1.0\ntarget = 1\nvalue = 0.4\nsize = 2\nKIND", ["fault[0].size = 2", "unknown key"]),
+    ("[[fault]]\nat_s = 1.0\nuntil_s = 1.0\ntarget = 1\nvalue = 0.4\nKIND", ["fault[0].until_s = 1.0", "later than"]),
+    ("[emulator", ["not valid TOML"]),
+]
+KIND = 'kind = "pump_effectiveness"'
+GOOD_FAULT = f"[[fault]]\nat_s = 1.0\ntarget = 1\nvalue = 0.4\n{KIND}"
+
+
+def complaint(file, base, scenario=None):
+    with pytest.raises(SettingsError) as caught:
+        load(base, scenario)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.startswith(f"{file}: ")
+    return message
+
+
+@pytest.mark.parametrize(("old", "new", "expected"), BAD_EMULATOR)
+def test_bad_emulator_file(tmp_path, old, new, expected):
+    file = tmp_path / "emulator.toml"
+    assert old in EMULATOR
+    file.write_text(EMULATOR.replace(old, new, 1))
+    message = complaint(file, file)
+    assert all(part in message for part in expected), message
+
+
+@pytest.mark.parametrize(("text", "expected"), BAD_SCENARIO)
+def test_bad_scenario_file(tmp_path, text, expected):
+    file = tmp_path / "story.toml"
+    file.write_text(text.replace("GOOD", GOOD_FAULT).replace("KIND", KIND))
+    message = complaint(file, CONFIG / "emulator.toml", file)
+    assert all(part in message for part in expected), message
+
+
+def test_a_fault_of_the_base_file_is_not_blamed_on_the_scenario(tmp_path):
+    base, story = tmp_path / "emulator.toml", tmp_path / "story.toml"
+    base.write_text(EMULATOR.replace("height_cm = 20.0", "height_cm = -1.0"))
+    story.write_text("[emulator]\ntanks.gravity_cm_s2 = 981.0")
+    assert "tanks.height_cm = -1.0" in complaint(base, base, story)
+
+
+def test_missing_files_are_named(tmp_path):
+    nothing = tmp_path / "nothing.toml"
+    assert "No such file" in complaint(nothing, nothing)
+    assert "No such file" in complaint(nothing, CONFIG / "emulator.toml", nothing)
+    nothing.write_bytes(b"\xff\xfe")
+    assert "UTF-8" in complaint(nothing, nothing)
+
+
+def test_scenario_overrides_deeply_and_leaves_the_rest():
+    plain, none = load(CONFIG / "emulator.toml")
+    ideal, faults = load(CONFIG / "emulator.toml", CONFIG / "scenarios/paper_ideal.toml")
+    assert none == ()
+    assert (ideal.pumps.lag_s, ideal.pumps.dac_bits, ideal.sensors.adc_bits) == (0.0, 0, 0)
+    assert ideal.pumps.gain_cm3_Vs == plain.pumps.gain_cm3_Vs
+    assert ideal.tanks == plain.tanks
+    assert [(fault.at_s, fault.target, fault.value) for fault in faults] == [(200.0, 1, 0.4), (200.0, 2, 0.4)]
+    assert equilibrium_cm(ideal) == equilibrium_cm(plain)
+
+
+def test_tables_of_the_controller_are_not_looked_at(tmp_path):
+    story = tmp_path / "story.toml"
+    story.write_text("[control]\nnonsense = true\n[rig]\npumps.lag_s = -3.0\n" + GOOD_FAULT)
+    assert len(load(CONFIG / "emulator.toml", story)[1]) == 1
+
+
+def test_config_directory_of_a_checkout_is_found():
+    assert default_config_dir() == CONFIG
+
+
+COMMAND_LINES = [
+    ([], "exactly one of --slcan, --pty and -i"),
+    (["--pty", "--slcan", "0"], "exactly one of --slcan, --pty and -i"),
+    (["--slcan", "70000"], "--slcan"),
+    (["--slcan", "zero"], "--slcan"),
+    (["--pty", "-b", "500000"], "-c and -b belong to -i"),
+    (["-i", "virtual"], "needs a channel"),
+    (["-i", "no_such", "-c", "x"], "-i no_such -c x"),
+    (["-i", "slcan", "-c", "/nowhere/tty"], "-i slcan -c /nowhere/tty"),
+    (["--pty", "--scenario", "no_such"], "no_such: cannot be read"),
+    (["--pty", "--config", "/nowhere"], "/nowhere/emulator.toml: cannot be read"),
+    (["--pty", "--record", "/nowhere/x.jsonl"], "--record /nowhere/x.jsonl"),
+    (["--pty", "--seed", "-1"], "--seed"),
+    (["--what"], "--what"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "expected"), COMMAND_LINES, ids=lambda part: str(part))
+def test_bad_command_line_is_exit_code_2_and_one_line(arguments, expected):
+    done = subprocess.run(
+        [sys.executable, "-m", "firmware_sim", *arguments], capture_output=True, text=True, timeout=20, check=False
+    )
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.count("\n") == 1
+    assert expected in done.stderr
+
+
+def test_bad_settings_are_exit_code_2_and_one_line_and_leave_no_record(tmp_path):
+    (tmp_path / "emulator.toml").write_text(EMULATOR.replace("lag_s = 0.2", "lag_s = nan"))
+    (tmp_path / "bench.dbc").write_text("")
+    record = tmp_path / "changes.jsonl"
+    done = subprocess.run(
+        [sys.executable, "-m", "firmware_sim", "--pty", "--config", str(tmp_path), "--record", str(record)],
+        capture_output=True,
+        text=True,
+        timeout=20,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stderr == f"firmware-sim: {tmp_path}/emulator.toml: pumps.lag_s = nan: is outside 0 .. 60\n"
+    assert not record.exists()
+
+
+def test_an_existing_record_is_refused_and_left_alone(tmp_path):
+    record = tmp_path / "changes.jsonl"
+    record.write_text("precious")
+    done = subprocess.run(
+        [sys.executable, "-m", "firmware_sim", "--pty", "--record", str(record)],
+        capture_output=True,
+        text=True,
+        timeout=20,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "File exists" in done.stderr
+    assert record.read_text() == "precious"

@@ -1,0 +1,232 @@
+"""The hand-written packing against golden bytes and against the DBC; CRC; command checks; fingerprint."""
+
+import zlib
+from itertools import combinations
+
+import cantools
+import pytest
+from can import Message
+from hypothesis import given
+from hypothesis import strategies as st
+from sim_bench import CONFIG, GOLDEN, command_bytes, frame_of
+
+from firmware_sim import wire
+from firmware_sim.settings import load_fingerprint
+from firmware_sim.wire import (
+    COMMAND_ID,
+    LEVEL_HEARTBEAT_ID,
+    LOWER_LEVELS_ID,
+    PUMP_HEARTBEAT_ID,
+    STATUS_ID,
+    UPPER_LEVELS_ID,
+    ChannelStatus,
+    NodeState,
+    PumpCommand,
+    Rejection,
+    TripCause,
+    counter_verdict,
+    parse_command,
+)
+
+
+@pytest.fixture(scope="module")
+def database():
+    return cantools.database.load_file(CONFIG / "bench.dbc", cache_dir=None)
+
+
+def packed(can_id, values):
+    """The bytes that the emulator makes of a golden frame's values."""
+    if can_id == COMMAND_ID:
+        return command_bytes(
+            values["Command1"],
+            values["Command2"],
+            enable=bool(values["Enable"]),
+            clear=bool(values["ClearTrip"]),
+            counter=values["Counter"],
+        )
+    if can_id == STATUS_ID:
+        return wire.pack_status(
+            (values["Applied1"], values["Applied2"]),
+            NodeState(values["State"]),
+            TripCause(values["TripCause"]),
+            values["Echo"],
+            values["Counter"],
+            values["Accepted"],
+        )
+    if can_id in (LOWER_LEVELS_ID, UPPER_LEVELS_ID):
+        first, second = ("1", "2") if can_id == LOWER_LEVELS_ID else ("3", "4")
+        return wire.pack_levels(
+            can_id,
+            (values["Level" + first], values["Level" + second]),
+            (ChannelStatus(values["Status" + first]), ChannelStatus(values["Status" + second])),
+            values["Counter"],
+        )
+    return wire.pack_heartbeat(
+        can_id, NodeState(values["State"]), values["Counter"], values["BootCount"], values["Contract"]
+    )
+
+
+def decoded(database, can_id, data):
+    values = database.decode_message(can_id, data, decode_choices=False)
+    assert values.pop("Crc") == wire.crc8(can_id, data[:-1])
+    return values
+
+
+@pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: golden["about"])
+def test_golden_values_pack_to_golden_bytes(golden):
+    assert packed(golden["id"], golden["values"]).hex(" ") == golden["data"]
+
+
+@pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: golden["about"])
+def test_golden_bytes_carry_golden_values_by_the_dbc(database, golden):
+    values = decoded(database, golden["id"], bytes.fromhex(golden["data"]))
+    assert values == pytest.approx(golden["values"], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "golden", [golden for golden in GOLDEN if golden["id"] == COMMAND_ID], ids=lambda g: g["about"]
+)
+def test_golden_commands_are_parsed(golden):
+    values = golden["values"]
+    assert parse_command(frame_of(bytes.fromhex(golden["data"]))) == PumpCommand(
+        (values["Command1"], values["Command2"]),
+        bool(values["Enable"]),
+        bool(values["ClearTrip"]),
+        values["Counter"],
+    )
+
+
+VOLTS = st.sampled_from([0, 1, 49_999, 50_000]).map(lambda raw: raw / 5000)
+LEVELS = st.sampled_from([0, 1, 51_199, 51_200]).map(lambda raw: raw / 5000)
+NIBBLE = st.sampled_from([0, 1, 7, 8, 15])
+STATES, STATUSES = st.sampled_from(NodeState), st.sampled_from(ChannelStatus)
+
+
+@given(VOLTS, VOLTS, STATES, st.sampled_from(TripCause), NIBBLE, NIBBLE, st.sampled_from([0, 1, 255]))
+def test_status_at_its_limits_matches_the_dbc(database, v1, v2, state, cause, echo, counter, accepted):
+    data = wire.pack_status((v1, v2), state, cause, echo, counter, accepted)
+    expected = {
+        "Applied1": v1,
+        "Applied2": v2,
+        "State": state,
+        "TripCause": cause,
+        "Echo": echo,
+        "Counter": counter,
+        "Accepted": accepted,
+    }
+    assert decoded(database, STATUS_ID, data) == pytest.approx(expected)
+    assert database.encode_message(STATUS_ID, expected | {"Crc": data[-1]}) == data
+
+
+@given(st.sampled_from([LOWER_LEVELS_ID, UPPER_LEVELS_ID]), LEVELS, LEVELS, STATUSES, STATUSES, NIBBLE)
+def test_levels_at_their_limits_match_the_dbc(database, can_id, va, vb, sa, sb, counter):
+    a, b = ("1", "2") if can_id == LOWER_LEVELS_ID else ("3", "4")
+    data = wire.pack_levels(can_id, (va, vb), (sa, sb), counter)
+    expected = {"Level" + a: va, "Level" + b: vb, "Status" + a: sa, "Status" + b: sb, "Counter": counter}
+    assert decoded(database, can_id, data) == pytest.approx(expected)
+    assert database.encode_message(can_id, expected | {"Crc": data[-1]}) == data
+
+
+@given(
+    st.sampled_from([PUMP_HEARTBEAT_ID, LEVEL_HEARTBEAT_ID]),
+    STATES,
+    NIBBLE,
+    st.sampled_from([0, 1, 65_535]),
+    st.sampled_from([0, 1, 2**32 - 1]),
+)
+def test_heartbeats_at_their_limits_match_the_dbc(database, can_id, state, counter, boots, contract):
+    data = wire.pack_heartbeat(can_id, state, counter, boots, contract)
+    expected = {"State": state, "Counter": counter, "BootCount": boots, "Contract": contract}
+    assert decoded(database, can_id, data) == expected
+    assert database.encode_message(can_id, expected | {"Crc": data[-1]}) == data
+
+
+@given(VOLTS, VOLTS, st.booleans(), st.booleans(), NIBBLE)
+def test_commands_encoded_by_the_dbc_are_parsed(database, v1, v2, enable, clear, counter):
+    values = {"Command1": v1, "Command2": v2, "Enable": enable, "ClearTrip": clear, "Counter": counter}
+    data = database.encode_message(COMMAND_ID, values | {"Crc": 0})
+    data = wire.sealed(COMMAND_ID, data[:-1])
+    parsed = parse_command(frame_of(data))
+    assert parsed == PumpCommand((pytest.approx(v1), pytest.approx(v2)), enable, clear, counter)
+
+
+def test_ids_data_ids_and_lengths_are_those_of_the_dbc(database):
+    frames = {message.frame_id: message for message in database.messages}
+    assert frames.keys() == wire.DATA_IDS.keys()
+    for can_id, message in frames.items():
+        assert message.dbc.attributes["DataId"].value == wire.DATA_IDS[can_id]
+        assert not message.is_extended_frame
+    assert frames[COMMAND_ID].length == wire.COMMAND_LENGTH
+
+
+def test_crc_check_value_of_the_polynomial():
+    """The check value of CRC-8/AUTOSAR over the digits 1 to 9 is 0xDF."""
+    assert wire._crc_over(0xFF, b"123456789") ^ 0xFF == 0xDF
+
+
+@pytest.mark.parametrize("flips", [1, 2])
+@pytest.mark.parametrize("data", [command_bytes(3.0, 4.0, counter=1), command_bytes(enable=False, clear=True)])
+def test_every_flip_of_one_or_two_bits_is_rejected(data, flips):
+    whole = int.from_bytes(data, "little")
+    for bits in combinations(range(8 * len(data)), flips):
+        broken = whole
+        for bit in bits:
+            broken ^= 1 << bit
+        assert parse_command(frame_of(broken.to_bytes(len(data), "little"))) is Rejection.CRC
+
+
+GOOD = command_bytes(3.0, 4.0)
+
+
+@pytest.mark.parametrize(
+    ("frame", "cause"),
+    [
+        (frame_of(GOOD, is_extended_id=True), Rejection.EXTENDED),
+        (frame_of(GOOD, is_fd=True), Rejection.FD),
+        (frame_of(GOOD, is_error_frame=True), Rejection.ERROR),
+        (Message(arbitration_id=COMMAND_ID, is_extended_id=False, is_remote_frame=True, dlc=6), Rejection.REMOTE),
+        (frame_of(GOOD, can_id=STATUS_ID), Rejection.FOREIGN),
+        (frame_of(b"", can_id=0), Rejection.FOREIGN),
+        *[(frame_of(GOOD[:length]), Rejection.LENGTH) for length in range(6)],
+        (frame_of(GOOD + b"\0"), Rejection.LENGTH),
+        (frame_of(GOOD[:3], dlc=6), Rejection.LENGTH),
+        (frame_of(GOOD[:5] + bytes([GOOD[5] ^ 1])), Rejection.CRC),
+        (frame_of(wire.sealed(STATUS_ID, GOOD[:5])), Rejection.CRC),
+        (frame_of(command_bytes(10.0002, 0.0)), Rejection.RANGE),
+        (frame_of(command_bytes(0.0, 13.107)), Rejection.RANGE),
+    ],
+)
+def test_what_is_not_a_good_command_is_rejected(frame, cause):
+    assert parse_command(frame) is cause
+
+
+def test_spare_bits_are_ignored():
+    payload = bytearray(GOOD[:5])
+    payload[4] |= 0b1100
+    assert parse_command(frame_of(wire.sealed(COMMAND_ID, bytes(payload)))) == parse_command(frame_of(GOOD))
+
+
+@pytest.mark.parametrize("last", range(16))
+@pytest.mark.parametrize("step", range(16))
+def test_counter_rule(last, step):
+    expected = Rejection.DUPLICATE if step == 0 else step - 1 if step <= 8 else Rejection.OLD
+    assert counter_verdict((last + step) % 16, last) == expected
+
+
+def test_fingerprint_ignores_trailing_white_space_and_line_ends(tmp_path):
+    text = (CONFIG / "bench.dbc").read_text()
+    expected = zlib.crc32("\n".join(line.rstrip() for line in text.splitlines()).encode())
+    assert load_fingerprint(CONFIG / "bench.dbc") == expected
+    other = tmp_path / "bench.dbc"
+    other.write_bytes(text.replace("\n", " \t\r\n").encode())
+    assert load_fingerprint(other) == expected
+    other.write_text(text.replace("500 kbit/s", "250 kbit/s"))
+    assert load_fingerprint(other) != expected
+
+
+def test_the_emulator_does_not_import_the_controller_or_cantools():
+    for module in (CONFIG.parent / "firmware_sim").glob("*.py"):
+        source = module.read_text()
+        assert "import hil" not in source
+        assert "from hil" not in source
+        assert "cantools" not in source
