@@ -141,7 +141,7 @@ def main() -> None:
     """Run the command and turn its errors into one line and an exit code."""
     try:
         code = app(standalone_mode=False)
-    except (typer.Exit, typer.Abort):
+    except (typer.Exit, typer.Abort, KeyboardInterrupt):
         code = FAILED
     except typer.TyperException as error:
         code = _complain(_wording(error), BAD_INPUT)

@@ -11,7 +11,6 @@ from sim_bench import MS, SECOND, command, shipped
 from firmware_sim.links import OUTPUT_MAX_BYTES, LineQueue, listen
 from firmware_sim.ports import BusPort, PtyPort, TcpPort
 from firmware_sim.rig import Rig
-from firmware_sim.serve import PortLostError, Service
 from firmware_sim.wire import NodeState
 
 GOOD = b"t2016983A204E1106\r"
@@ -224,83 +223,3 @@ def test_pty_host_that_does_not_read_never_blocks_the_rig(pty_port):
         turn(pty_port, step * 100 * MS)
     assert pty_port._link.queue.dropped > 0
     os.close(fd)
-
-
-class FakeClock:
-    """A monotonic clock that goes on by a step at each look."""
-
-    def __init__(self, step_ns):
-        self.now_ns = 10**12
-        self._step_ns = step_ns
-
-    def __call__(self):
-        self.now_ns += self._step_ns
-        return self.now_ns
-
-
-class ScriptedPort:
-    """A port that does what a list of functions says, one a turn, and then stops the service."""
-
-    def __init__(self, script):
-        self.script = list(script)
-        self.sent, self.is_closed, self.service = [], False, None
-
-    def filenos(self):
-        return []
-
-    def read(self, now_ns):
-        if not self.script:
-            self.service.stop()
-            return True
-        return self.script.pop(0)(now_ns)
-
-    def send(self, frames):
-        self.sent.append(frames)
-
-    def close(self):
-        self.is_closed = True
-
-
-def serve(script, changes, step_ns=MS):
-    rig, port = bench(changes), ScriptedPort(script)
-    service = Service(rig, port, FakeClock(step_ns))
-    port.service = service
-    return rig, port, service
-
-
-def test_stop_puts_out_zero_volts_reports_it_and_closes_the_port():
-    changes = []
-    _, port, service = serve([], changes)
-    service.serve()
-    assert [change.cause for change in changes[-2:]] == ["shutdown", "shutdown"]
-    assert port.is_closed
-
-
-def test_an_exception_puts_out_zero_volts_too():
-    changes = []
-
-    def run_then_fail(now_ns):
-        rig.receive(command(3.0, 3.0), now_ns)
-        assert rig.truth().applied_V != (0.0, 0.0)
-        raise RuntimeError("broken")
-
-    rig, port, service = serve([lambda now_ns: now_ns > 0] * 200 + [run_then_fail], changes, step_ns=2 * MS)
-    with pytest.raises(RuntimeError, match="broken"):
-        service.serve()
-    assert rig.truth().applied_V == (0.0, 0.0)
-    assert (changes[-2].node, changes[-2].cause, changes[-2].applied_V) == ("pump", "shutdown", (0.0, 0.0))
-    assert port.is_closed
-
-
-def test_after_a_stall_only_fresh_frames_are_sent():
-    _, port, service = serve([lambda _now: True], [], step_ns=5 * SECOND)
-    service.serve()
-    assert service.stale_frames > 100
-    assert len(port.sent[0]) < 30
-
-
-def test_a_port_that_stays_broken_ends_the_service():
-    _, port, service = serve([lambda _now: False] * 1000, [], step_ns=20 * MS)
-    with pytest.raises(PortLostError, match="5 s"):
-        service.serve()
-    assert port.is_closed
