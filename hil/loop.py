@@ -52,10 +52,11 @@ class Recorder(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a run ended, and what became of its commands."""
+    """How a run ended, at which run time, and what became of its commands."""
 
     status: Status
     reason: str
+    t_s: float
     commands_sent: int
     commands_lost: int
     frames_lost: int
@@ -92,7 +93,7 @@ class ControlLoop:
         self._state = ControllerState()
         self._first_ns: int | None = None
         self._ending_since_ns: int | None = None
-        self._why_not_ready = ""
+        self._t_s = 0.0
         self.outcome: Outcome | None = None
 
     def receive(self, frame: Frame, received_ns: int) -> None:
@@ -144,10 +145,11 @@ class ControlLoop:
 
     def _record(self, output: Output) -> None:
         if output.record is not None:
+            self._t_s = output.record.t_s
             self._recorder.tick(output.record, self._true_level_cm() if self._true_level_cm else None)
             return
         for event in output.events:
-            self._recorder.event(0.0, event)
+            self._recorder.event(self._t_s, event)
 
     def _settle(self, inputs: Inputs, now_ns: int, stop_reason: str) -> None:
         """Decide whether the run is over."""
@@ -178,4 +180,4 @@ class ControlLoop:
                 self._finish("stopped" if stop_reason else "complete", (stop_reason or "duration over") + unconfirmed)
 
     def _finish(self, status: Status, reason: str) -> None:
-        self.outcome = Outcome(status, reason, self._sender.sent, self._sender.lost, self._receiver.lost)
+        self.outcome = Outcome(status, reason, self._t_s, self._sender.sent, self._sender.lost, self._receiver.lost)

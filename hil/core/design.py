@@ -65,8 +65,10 @@ class Gains:
 class GainDesign(Protocol):
     """What the controller needs of a design: gains for a linear model. Users plug in their own."""
 
-    follows_reference: bool
-    """Whether the operating point, and with it the linear model, moves with the reference."""
+    @property
+    def follows_reference(self) -> bool:
+        """Whether the operating point, and with it the linear model, moves with the reference."""
+        ...
 
     def gains(self, linear: LinearModel) -> Gains:
         """Gains for nominal pumps; effectiveness is rescaled afterwards, v = (v0 + u)/theta."""

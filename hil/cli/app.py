@@ -1,0 +1,191 @@
+"""`hil`: the commands. Bad input ends with one line and exit code 2, before anything moves."""
+
+from __future__ import annotations
+
+import sys
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+from rich.console import Console
+
+from hil import __version__
+
+EXIT_BAD_INPUT = 2
+EXIT_CODES = {"complete": 0, "stopped": 0, "tripped": 3, "failed": 4}
+SIGNAL_EXIT_CODES = {"SIGINT": 130, "SIGTERM": 143}
+
+app = typer.Typer(
+    name="hil",
+    help="Fault-tolerant control of the four-tank laboratory process over CAN.",
+    epilog="Exit codes: 0 done, 2 bad input (nothing moved), 3 tripped, 4 not ready or failed, 130, 143 stopped by signal.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+)
+
+ScenarioFile = Annotated[Path, typer.Argument(metavar="SCENARIO.toml", help="The experiment; see config/scenarios.")]
+ConfigDir = Annotated[
+    Optional[Path],  # noqa: UP045 - typer reads the annotation at run time
+    typer.Option("--config", metavar="DIR", help="Folder with rig.toml, emulator.toml and bench.dbc."),
+]
+OutDir = Annotated[
+    Optional[Path],  # noqa: UP045
+    typer.Option(
+        "--out", metavar="DIR", help="The run folder to make; refused if it exists. Default: runs/<time>_<name>."
+    ),
+]
+Duration = Annotated[
+    Optional[float],  # noqa: UP045
+    typer.Option("--duration", metavar="S", min=0.0, help="Stop after S seconds of the run instead of the scenario's."),
+]
+RerunChoice = Annotated[bool, typer.Option("--rerun/--no-rerun", help="Whether to write run.rrd.")]
+ReportChoice = Annotated[bool, typer.Option("--report/--no-report", help="Whether to write report.html.")]
+
+
+def main() -> None:
+    """Entry point of the console script: turns what is the user's to mend into one line."""
+    from hil.cli.errors import USER_ERRORS
+
+    try:
+        app()
+    except USER_ERRORS as error:
+        print(f"hil: {error}", file=sys.stderr)  # noqa: T201 - plain text, never reflowed
+        sys.exit(EXIT_BAD_INPUT)
+
+
+def _version(value: bool) -> None:
+    if value:
+        typer.echo(f"hil {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _about(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show and exit.")
+    ] = False,
+) -> None:
+    del version
+
+
+@app.command()
+def simulate(
+    scenario: ScenarioFile,
+    out: OutDir = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of the emulator's sensor noise.")] = 1,
+    duration: Duration = None,
+    config: ConfigDir = None,
+    rerun: RerunChoice = True,
+    report: ReportChoice = True,
+) -> None:
+    """Run a scenario in lockstep with the emulator, every frame on a virtual CAN bus, much faster than real time."""
+    from hil.cli import build, experiment, show
+
+    bench = build.load(scenario, config)
+    folder = out or experiment.default_folder(bench.scenario.scenario.name, datetime.now())
+    options = experiment.Options(folder, seed, duration, rerun)
+    console = Console()
+    with show.progress(console, bench, duration) as advance:
+        figures = experiment.simulate(bench, options, advance)
+    show.finish(console, folder, figures, with_report=report)
+    raise typer.Exit(EXIT_CODES[figures.status])
+
+
+@app.command()
+def run(
+    scenario: ScenarioFile,
+    interface: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("-i", "--interface", help="python-can interface: socketcan, slcan... Default: the rig file's."),
+    ] = None,
+    channel: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            "-c", "--channel", help="can0, /dev/ttyACM0, socket://127.0.0.1:29536... Default: the rig file's."
+        ),
+    ] = None,
+    bitrate: Annotated[
+        Optional[int],  # noqa: UP045
+        typer.Option("-b", "--bitrate", min=10_000, max=1_000_000, help="bit/s. Default: the rig file's."),
+    ] = None,
+    out: OutDir = None,
+    duration: Duration = None,
+    clear_trip: Annotated[
+        bool, typer.Option("--clear-trip", help="Clear a trip that an earlier run left latched at the pump node.")
+    ] = False,
+    config: ConfigDir = None,
+    rerun: RerunChoice = True,
+    report: ReportChoice = True,
+) -> None:
+    """Run a scenario in real time on a CAN bus: the rig's, or the emulator's (firmware-sim). Moves pumps."""
+    from hil.cli import build, experiment, show
+    from hil.edge.bus import BusAddress
+
+    bench = build.load(scenario, config)
+    bus = bench.rig.bus
+    address = BusAddress(interface or bus.interface, channel or bus.channel, bitrate or bus.bitrate)
+    folder = out or experiment.default_folder(bench.scenario.scenario.name, datetime.now())
+    options = experiment.Options(folder, duration_s=duration, rerun=rerun, clear_trip=clear_trip)
+    console = Console()
+    with show.live_status(console) as watch:
+        figures, outcome = experiment.run_live(bench, options, address, watch)
+    show.finish(console, folder, figures, with_report=report)
+    raise typer.Exit(SIGNAL_EXIT_CODES.get(outcome.reason.partition(";")[0], EXIT_CODES[outcome.status]))
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the runs.")] = Path("runs"),
+    config: ConfigDir = None,
+) -> None:
+    """Run the paper's experiment, gains kept and reconfigured, and print its table 3 beside the paper's numbers."""
+    from hil.cli import demo as demonstration
+
+    demonstration.run(Console(), out, config)
+
+
+@app.command()
+def design(
+    config: ConfigDir = None,
+    out: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--out", metavar="DIR", help="Write step responses and the sigma plot there."),
+    ] = None,
+) -> None:
+    """Show both designs: gains, poles, zeros, RGA, noise gain, and what one pump's loss does to them."""
+    from hil.cli import design as designs
+
+    designs.run(Console(), config, out)
+
+
+@app.command()
+def view(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A run folder.")]) -> None:
+    """Open a run's recording in the Rerun viewer."""
+    from hil.edge.run_folder import RunFolder
+    from hil.review.view import view as open_viewer
+
+    open_viewer(RunFolder.open(folder))
+
+
+@app.command()
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A run folder.")],
+    compare: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--compare", metavar="DIR", help="A second run to lay beside it."),
+    ] = None,
+) -> None:
+    """Write a run's key figures and report.html anew, beside another run's if wanted."""
+    from hil.edge.run_folder import RunFolder
+    from hil.review import kpi
+    from hil.review.report import write_report
+
+    first = RunFolder.open(folder)
+    second = RunFolder.open(compare) if compare else None
+    for one in (first, second):
+        if one is not None:
+            kpi.compute(one)
+    typer.echo(write_report(first, second))
