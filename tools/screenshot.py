@@ -1,39 +1,90 @@
 """A picture of a run's recording without a screen: `python tools/screenshot.py FOLDER OUT.png`.
 
-Uses Rerun's own command line with a software Vulkan driver (Debian: `apt-get install mesa-vulkan-drivers`).
+Starts Rerun's viewer on no screen, asks it what it shows until the recording is there, and has it save a picture. Needs
+a Vulkan driver; one in software will do (Debian: `apt-get install mesa-vulkan-drivers`).
 """
 
 from __future__ import annotations
 
 import argparse
+import os
+import signal
+import socket
 import subprocess
 import sys
+import time
 from pathlib import Path
 
-WINDOW = "1600x1000"
+from rerun.experimental import ViewerClient
+
+SIZE = "1600x1000"
+SETTLE_S = 12.0  # until the viewer's notices about its start have gone
 
 
-def screenshot(recording: Path, picture: Path, *, window: str = WINDOW, timeout_s: float = 120.0) -> None:
-    """Draw the recording as it opens. Raises RuntimeError when no picture comes out, subprocess.TimeoutExpired when stuck."""
-    command = [sys.executable, "-m", "rerun_cli", str(recording), "--headless", "--bind", "127.0.0.1", "--port", "auto"]
-    command += ["--screenshot-to", str(picture), "--window-size", window, "--renderer", "vulkan"]
+def screenshot(recording: Path, picture: Path, *, size: str = SIZE, at_s: float | None = None) -> None:
+    """Save a picture of the recording as it opens. at_s : where the time cursor goes; None: the start.
+
+    Raises RuntimeError when the viewer does not come up or saves no picture.
+    """
+    port = _free_port()
+    command = [sys.executable, "-m", "rerun_cli", str(recording), "--headless", "--renderer", "vulkan"]
+    command += ["--bind", "127.0.0.1", "--port", str(port), "--window-size", size]
     picture.unlink(missing_ok=True)
-    done = subprocess.run(command, capture_output=True, text=True, timeout=timeout_s, check=False)
-    if done.returncode != 0 or not picture.is_file():
-        raise RuntimeError(f"no picture came out (is a Vulkan driver installed?)\n{done.stderr.strip()[-2000:]}")
+    viewer = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    try:
+        client = _connect(viewer, port)
+        if at_s is not None:
+            client.set_time("run_time", duration=at_s, play_state="paused")
+        time.sleep(SETTLE_S)
+        client.save_screenshot(str(picture.resolve()))
+        if not picture.is_file():
+            raise RuntimeError(f"the viewer saved no picture to {picture}")
+    finally:
+        if viewer.poll() is None:
+            os.killpg(viewer.pid, signal.SIGTERM)  # the process group that was started above: launcher and viewer
+        viewer.communicate()
+
+
+def _connect(viewer: subprocess.Popen[str], port: int, timeout_s: float = 30.0) -> ViewerClient:
+    """Wait until the viewer answers and has the recording."""
+    deadline_s = time.monotonic() + timeout_s
+    while time.monotonic() < deadline_s and viewer.poll() is None:
+        try:
+            client = ViewerClient(f"rerun+http://127.0.0.1:{port}/proxy")
+            if client.get_state().recordings:
+                return client
+        except (ConnectionError, RuntimeError, OSError):
+            pass  # not up yet
+        time.sleep(0.2)
+    if viewer.poll() is None:
+        raise RuntimeError(f"the viewer showed no recording within {timeout_s:g} s")
+    _, complaint = viewer.communicate()
+    raise RuntimeError(f"the viewer did not start; is there a Vulkan driver?\n{complaint.strip()[-1500:]}")
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
 
 
 def main() -> int:
     """Run the command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser = argparse.ArgumentParser(description="A picture of a run's recording, made without a screen.")
     parser.add_argument("folder", type=Path, help="run folder, or an .rrd file")
     parser.add_argument("picture", type=Path, help="where the PNG goes")
-    parser.add_argument("--window", default=WINDOW, help="size in pixels (default: %(default)s)")
+    parser.add_argument("--size", default=SIZE, help="in pixels (default: %(default)s)")
+    parser.add_argument("--at", type=float, metavar="SECONDS", help="run time at the cursor (default: the start)")
     options = parser.parse_args()
     recording = options.folder / "run.rrd" if options.folder.is_dir() else options.folder
+    if not recording.is_file():
+        print(f"there is no recording at {recording}", file=sys.stderr)
+        return 1
     try:
-        screenshot(recording, options.picture, window=options.window)
-    except (RuntimeError, subprocess.TimeoutExpired) as error:
+        screenshot(recording, options.picture, size=options.size, at_s=options.at)
+    except RuntimeError as error:
         print(error, file=sys.stderr)
         return 1
     print(options.picture)

@@ -1,9 +1,9 @@
 """The recorder: what the control loop hands its steps, frames and events to.
 
-`Recorder` writes at once, in the caller's thread: for lockstep, where two runs with the same seed must give the same bytes.
-`QueuedRecorder` puts a bounded queue and one writer thread in front of it: for a live run, where nothing may hold up the
-loop. Both have the same methods and neither ever raises into the loop. A file that fails (a full disk, a lost mount) is
-given up and the others go on; `health()` says so at once, and `events.jsonl` and `run.json` keep it.
+`Recorder` writes at once, in the caller's thread: for lockstep, where two runs with the same seed must give the same
+bytes. `QueuedRecorder` puts a bounded queue and one writer thread in front of it: for a live run, where nothing may
+hold up the loop. Both have the same methods. A file that fails (a full disk, a lost mount) is given up and the others
+go on; no error of theirs reaches the loop. `health()` says so at once, and `events.jsonl` and `run.json` keep it.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ COLUMNS = (
     "t_s", "mode",
     *_numbered("h{}_V", 4), *_numbered("h{}_est_V", 4),
     *_numbered("r{}_V", 2), *_numbered("target{}_V", 2),
-    *_numbered("v{}_operating_V", 2), *_numbered("v{}_raw_V", 2), *_numbered("v{}_V", 2), *_numbered("v{}_applied_V", 2),
+    *_numbered("v{}_operating_V", 2), *_numbered("v{}_raw_V", 2),
+    *_numbered("v{}_V", 2), *_numbered("v{}_applied_V", 2),
     *_numbered("theta{}", 2), *_numbered("q{}_Vs", 2),
     *_numbered("K1{}", 6), *_numbered("K2{}", 6), *_numbered("iae{}_Vs", 2),
     "levels_age_s", "status_age_s", "lateness_s", "skipped", "accepted", "rejected",
@@ -190,9 +191,9 @@ class Recorder:
         self._timeline = timeline
         self._t_s = 0.0
         self._is_closed = False
-        self._ticks = _Sink(folder.ticks_path.name, ticks, self._note)
-        self._frames = _Sink(folder.can_log_path.name, frames, self._note)
-        self._events = _Sink(folder.events_path.name, events, self._note)
+        self._ticks = _Sink(folder.ticks_path.name, ticks, self.note_failure)
+        self._frames = _Sink(folder.can_log_path.name, frames, self.note_failure)
+        self._events = _Sink(folder.events_path.name, events, self.note_failure)
         self._ticks.write(",".join(COLUMNS) + "\n")
 
     @classmethod
@@ -267,9 +268,10 @@ class Recorder:
             call(*arguments)
         except Exception as error:  # noqa: BLE001 - whatever the viewer's library raises must not stop the loop
             self._timeline = None
-            self._note(f"the timeline is lost from here on: {error}")
+            self.note_failure(f"the timeline is lost from here on: {error}")
 
-    def _note(self, text: str) -> None:
+    def note_failure(self, text: str) -> None:
+        """Note a failure of the record itself: for `health`, run.json and as an event."""
         self._errors += (text,)
         self.event(self._t_s, Event(Severity.ERROR, "recorder_failed", text))
 
@@ -296,7 +298,7 @@ class QueuedRecorder:
         self._rounds = 0
         self._t_s = 0.0
         self._failure: tuple[str, ...] = ()
-        self._has_noted_drop = False
+        self._has_noted_drop = self._has_failed_entry = False
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
 
@@ -334,7 +336,7 @@ class QueuedRecorder:
             except IndexError:
                 break
             self._taken += 1
-            call(*arguments)
+            self._call_safely(call, arguments)
         dropped = self._dropped()
         if dropped > 0 and not self._has_noted_drop:
             self._has_noted_drop = True
@@ -354,8 +356,7 @@ class QueuedRecorder:
         if self._thread.is_alive():
             self._failure += (f"the writer was stuck for {timeout_s:g} s and is left behind",)
             return
-        if not self._failure:
-            self._drain_safely()
+        self.drain()
         self._recorder.close(status, reason, speed_x=speed_x, dropped=self._dropped())
 
     def _append(self, call: Callable[..., None], *arguments: object) -> None:
@@ -367,11 +368,13 @@ class QueuedRecorder:
         return max(0, put - self._taken - len(self._queue))
 
     def _work(self) -> None:
-        while not self._failure and not self._stop.wait(self._period_s):
-            self._drain_safely()
-
-    def _drain_safely(self) -> None:
-        try:
+        while not self._stop.wait(self._period_s):
             self.drain()
-        except Exception as error:  # noqa: BLE001 - the thread's border: it ends here, and health says why
-            self._failure += (f"the writer failed: {type(error).__name__}: {error}",)
+
+    def _call_safely(self, call: Callable[..., None], arguments: tuple[object, ...]) -> None:
+        try:
+            call(*arguments)
+        except Exception as error:  # noqa: BLE001 - one entry that cannot be written must not end the thread
+            if not self._has_failed_entry:
+                self._has_failed_entry = True
+                self._recorder.note_failure(f"an entry could not be written: {type(error).__name__}: {error}")

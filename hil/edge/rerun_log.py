@@ -1,8 +1,8 @@
 """The run as a Rerun recording, `run.rrd`: every series on the timeline `run_time`, with the layout it opens in.
 
-Rows are gathered and sent by columns, one chunk for each entity: some twenty times cheaper than single calls. What is drawn
-together shares an entity, because each chunk costs about 1.1 kB of file however few rows it has. A live run, which sends
-small chunks so that little is lost when it is killed, is compacted at its end.
+Rows are gathered and sent by columns, one chunk for each entity: some twenty times cheaper than single calls. What is
+drawn together shares an entity, because each chunk costs about 1.1 kB of file however few rows it has. A live run,
+which sends small chunks so that little is lost when it is killed, is compacted at its end.
 
 The file format is young; `ticks.csv`, `can.log` and `events.jsonl` are the primary record.
 """
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,26 +24,24 @@ from hil.core.types import Event, Mode
 from hil.edge.recorder import COLUMNS, Row
 
 TIMELINE = "run_time"
+_NONE = "none"
+_MODE, _THETA1, _THETA2 = (COLUMNS.index(column) for column in ("mode", "theta1", "theta2"))
 FLUSH_TIMEOUT_S = 2.0
 HEALTHY_FROM, DEAD_BELOW = 0.995, 0.05  # effectiveness
 
-# One look for the whole record: what is measured is pale, what is believed or done is dark, what is asked for is grey.
-INK, GREY, PALE = 0x2B3A4AFF, 0x8A97A6FF, 0xB9D3E8FF
-BLUE, ORANGE, GREEN, RED, PURPLE, AMBER = (
-    0x1F6FB2FF,
-    0xD1602BFF,
-    0x3A8F5CFF,
-    0xC0392BFF,
-    0x7B5AA6FF,
-    0xE0A526FF,
-)
+# One look for the whole record, for the viewer's dark ground: the measured is dim, the believed or done is bright, the
+# asked for is white or grey.
+WHITE, GREY, DIM = 0xF2F5F7FF, 0x8A97A6FF, 0x48698AFF
+BLUE, ORANGE, GREEN, PURPLE, AMBER = 0x58A6E8FF, 0xF08A4BFF, 0x5FC27EFF, 0xB08CDEFF, 0xE3B341FF
+CALM, WARM, ALERT = 0x2F6B46FF, 0x8A6D1FFF, 0x97302AFF  # grounds of the states, under white text
+QUIET, LEAVING = 0x3A424BFF, 0x5D4A80FF
 
 Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """Some columns of the tick table drawn together: entity path, columns, names with units, colours, widths in points."""
+    """Columns of the tick table drawn together: entity path, columns, names with units, colours, widths in points."""
 
     entity: str
     columns: tuple[str, ...]
@@ -84,7 +82,7 @@ def series(with_truth: bool) -> tuple[Series, ...]:
                 f"control/gain_pump{pump}",
                 gains,
                 labels,
-                (BLUE, ORANGE, GREEN, PURPLE, INK, GREY),
+                (BLUE, ORANGE, GREEN, PURPLE, WHITE, GREY),
                 (1.5,) * 6,
             )
         )
@@ -102,23 +100,23 @@ def series(with_truth: bool) -> tuple[Series, ...]:
     listed += [Series(entity, columns, names, (BLUE, ORANGE), (1.5, 1.5)) for entity, columns, names in pairs]
     listed.append(Series("bench/lateness", ("lateness_s",), ("lateness [s]",), (BLUE,), (1.5,)))
     listed.append(Series("bench/accepted", ("accepted",), ("frames accepted",), (BLUE,), (1.5,)))
-    listed.append(Series("bench/mode", ("mode",), ("mode, as its number",), (INK,), (1.5,)))
+    listed.append(Series("bench/mode", ("mode",), ("mode, as its number",), (WHITE,), (1.5,)))
     return tuple(listed)
 
 
 def _level(tank: int, with_truth: bool) -> Series:
-    parts = [(f"h{tank}_V", "measured", PALE, 1.0)]
+    parts = [(f"h{tank}_V", "measured", DIM, 1.0)]
     if with_truth:
         parts.append((f"true_h{tank}_cm", "true", GREEN, 1.5))
     parts.append((f"h{tank}_est_V", "estimate", BLUE, 1.5))
     if tank <= 2:
-        parts += [(f"r{tank}_V", "asked for", GREY, 1.5), (f"target{tank}_V", "in force", INK, 1.5)]
+        parts += [(f"r{tank}_V", "asked for", GREY, 1.5), (f"target{tank}_V", "in force", WHITE, 1.5)]
     columns, kinds, colors, widths = zip(*parts, strict=True)
     return Series(f"levels/tank{tank}", columns, tuple(f"h{tank} {kind} [V]" for kind in kinds), colors, widths)
 
 
 class RerunLog:
-    """A `Timeline` for the recorder. Building it writes the static parts and may take half a second: do it before the loop.
+    """A `Timeline` for the recorder. Building it writes the static parts: half a second, before the loop.
 
     batch_ticks : steps gathered before they are sent by themselves; `flush` sends what there is.
     """
@@ -143,12 +141,16 @@ class RerunLog:
         self._events: list[tuple[float, Event]] = []
         self._states: dict[str, list[tuple[float, str]]] = {}
         self._state_now: dict[str, str] = {}
+        self._state_key: tuple[float, float, float] | None = None
         self._recording = rr.RecordingStream("fourtank-hil", recording_id=card.recording_id)
         self._recording.save(path, default_blueprint=blueprint)
         self._log_static(card, with_truth)
 
     def tick(self, row: Row) -> None:
         """Take one step; see `hil.edge.recorder.Timeline`."""
+        key = (row[_MODE], row[_THETA1], row[_THETA2])
+        if key != self._state_key:
+            self._note_states(row[0], key)
         self._rows.append(row)
         if len(self._rows) >= self._batch_ticks:
             self._send()
@@ -159,11 +161,24 @@ class RerunLog:
         if event.code == "alarm":
             text = f"{event.data.get('kind')} {event.data.get('target')}"
             earlier = self._states.get("states/alarm", [])
-            if earlier and earlier[-1][0] == t_s:
+            if earlier and earlier[-1][0] == t_s and earlier[-1][1] != _NONE:
                 text = f"{earlier.pop()[1]} + {text}"
             self._set_state("states/alarm", t_s, text)
         elif event.code == "trip":
             self._set_state("states/trip", t_s, str(event.data.get("cause")))
+
+    def _note_states(self, t_s: float, key: tuple[float, float, float]) -> None:
+        """The mode or a pump's health has changed at this step; a trip's state ends when its mode is left."""
+        mode, *effectiveness = key
+        has_left_trip = self._state_key is not None and self._state_key[0] == Mode.TRIPPED and mode != Mode.TRIPPED
+        self._state_key = key
+        self._set_state("states/mode", t_s, Mode(int(mode)).name)
+        for pump, share in enumerate(effectiveness, start=1):
+            self._set_state(f"states/pump{pump}", t_s, _pump_state(share))
+        if "states/alarm" not in self._state_now:
+            self._set_state("states/alarm", t_s, _NONE)
+        if has_left_trip or "states/trip" not in self._state_now:
+            self._set_state("states/trip", t_s, _NONE)
 
     def flush(self) -> None:
         """Send what was gathered and see it on its way to the disk; raises when the disk does not take it."""
@@ -185,13 +200,13 @@ class RerunLog:
             style = rr.StateConfiguration(values=values, labels=labels, colors=np.array(colors, dtype=np.uint32))
             self._recording.log(entity, style, static=True)
         self._recording.log("card", rr.TextDocument(card.markdown, media_type=rr.MediaType.MARKDOWN), static=True)
-        self._recording.send_property("run", rr.AnyValues(**card.facts))
+        if card.facts:
+            self._recording.send_property("run", rr.AnyValues(drop_untyped_nones=True, **card.facts))
 
     def _send(self) -> None:
         if self._rows:
             table = np.array(self._rows) * self._to_V
             self._rows.clear()
-            self._find_states(table)
             times = _times(table[:, 0])
             for entity, columns in self._series:
                 values = table[:, columns]
@@ -210,40 +225,23 @@ class RerunLog:
         times = _times(np.array([t_s for t_s, _ in changes]))
         self._recording.send_columns(entity, [times], rr.StateChange.columns(state=[state for _, state in changes]))
 
-    def _find_states(self, table: Floats) -> None:
-        """Find where the mode and the pumps' health change; ends the trip's state when the mode is left."""
-        namings: tuple[tuple[str, str, Callable[[float], str]], ...] = (
-            ("states/mode", "mode", lambda value: Mode(int(value)).name),
-            ("states/pump1", "theta1", _pump_state),
-            ("states/pump2", "theta2", _pump_state),
-        )
-        for entity, column, naming in namings:
-            values = table[:, COLUMNS.index(column)]
-            starts = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)
-            for index in starts:
-                self._set_state(entity, float(table[index, 0]), naming(float(values[index])))
-        for entity, state in (("states/alarm", "none"), ("states/trip", "none")):
-            if entity not in self._state_now:
-                self._states.setdefault(entity, []).insert(0, (float(table[0, 0]), state))
-                self._state_now[entity] = state
-
     def _set_state(self, entity: str, t_s: float, state: str) -> None:
         if self._state_now.get(entity) != state:
             self._state_now[entity] = state
             self._states.setdefault(entity, []).append((t_s, state))
 
 
-_PUMP_STATES = (("nominal", "reduced", "dead"), ("nominal", "reduced", "dead"), (GREEN, AMBER, RED))
+_PUMP_STATES = (("nominal", "reduced", "dead"), ("nominal", "reduced", "dead"), (CALM, WARM, ALERT))
 _STATES: dict[str, tuple[tuple[str, ...], tuple[str, ...], tuple[int, ...]]] = {
     "states/mode": (
         tuple(mode.name for mode in Mode),
         tuple(mode.name.lower() for mode in Mode),
-        (GREY, PALE, GREEN, AMBER, PURPLE, RED),
+        (QUIET, DIM, CALM, WARM, LEAVING, ALERT),
     ),
     "states/pump1": _PUMP_STATES,
     "states/pump2": _PUMP_STATES,
-    "states/alarm": (("none",), ("no alarm",), (GREY,)),
-    "states/trip": (("none",), ("no trip",), (GREY,)),
+    "states/alarm": ((_NONE,), ("no alarm",), (QUIET,)),
+    "states/trip": ((_NONE,), ("no trip",), (QUIET,)),
 }
 
 

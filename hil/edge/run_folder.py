@@ -1,8 +1,8 @@
 """A run's folder: which files it has, and `run.json`, which says what was run and how it ended.
 
-A folder is written once. `create` refuses a path that exists, so that no run ever overwrites another. `run.json` is there
-from the first moment with status "running" and is replaced as a whole at the end; a run that was killed therefore keeps
-"running", which readers take for "interrupted". All other files are appended to while the run goes on:
+A folder is written once. `create` refuses a path that exists, so that no run ever overwrites another. `run.json` is
+there from the first moment with status "running" and is replaced as a whole at the end; a run that was killed therefore
+keeps "running", which readers take for "interrupted". All other files are appended to while the run goes on:
 
     run.json      what was run, with copies of its configuration     can.log    every frame, in candump's format
     ticks.csv     one line for each control step                     run.rrd    the same for the Rerun viewer

@@ -1,6 +1,6 @@
 """Key figures of a run, `kpi.json`: how well it controlled, what it noticed, how the loop kept time.
 
-The integral of the absolute error of a window is exact for levels that run straight between two steps and references that
+The integral of a window's absolute error is exact for levels that run straight between two steps and references that
 are held from one step to the next. So a reference step that falls on a window's border belongs to the window it opens.
 """
 
@@ -25,8 +25,8 @@ Finite = float | None  # None: not known
 class Kpi:
     """The figures as `kpi.json` has them; None where the run was too short or the value is not known.
 
-    iae_Vs : window -> outputs 1, 2, of the reference asked for against the level. iae_covered_s : how much of the window
-    the record covers. lateness_s : quantiles of how late the steps began.
+    iae_Vs : window -> outputs 1, 2, of the reference asked for against the level. iae_covered_s : how much of the
+    window the record covers. lateness_s : quantiles of how late the steps began.
     """
 
     scenario: str

@@ -1,4 +1,4 @@
-"""`ticks.csv` and `events.jsonl` read back. Both may end in half a line when the run was killed; that line is left out."""
+"""`ticks.csv` and `events.jsonl` read back. After a kill, half a line may stand at the end; it is left out."""
 
 from __future__ import annotations
 

@@ -129,7 +129,7 @@ def record_run(path: Path, *, with_rerun: bool = False, live: bool = False, **op
     if with_rerun:
         card = RunCard(path.name, {"scenario": "toy", "seed": "1"}, "# Toy run\n\nseed 1")
         timeline = RerunLog(
-            folder.rrd_path, card, level_gain_V_cm=GAIN_V_CM, with_truth=not live, blueprint=blueprint()
+            folder.rrd_path, card, level_gain_V_cm=GAIN_V_CM, with_truth=not live, blueprint=blueprint(500.0)
         )
     recorder = Recorder.open(folder, timeline=timeline)
     for index, (record, truth) in enumerate(steps(**options)):  # type: ignore[arg-type]

@@ -1,0 +1,223 @@
+"""The report's figures as SVG text: the paper's figures 2 to 5, the upper tanks, and the loop's timing.
+
+The same record gives the same bytes: fixed hash salt, no date. Text stays text: sharp, small, searchable.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from hil.review.ticks import Floats, LoggedEvent, Ticks
+
+INK, GREY, RULE, PALE = "#22303c", "#7b8794", "#dfe4e8", "#c3d4e3"
+BLUE, ORANGE = "#1f6fb2", "#cc5a24"
+RED = "#b3261e"
+
+_STYLE: dict[Any, Any] = {
+    "svg.hashsalt": "fourtank-hil",
+    "svg.fonttype": "none",
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 9.5,
+    "axes.edgecolor": GREY,
+    "axes.labelcolor": INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.8,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": RULE,
+    "grid.linewidth": 0.7,
+    "text.color": INK,
+    "xtick.color": GREY,
+    "ytick.color": GREY,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "lines.linewidth": 1.5,
+    "lines.solid_joinstyle": "round",
+    "path.simplify_threshold": 0.3,
+}
+_WIDTH_IN, _HEIGHT_IN = 5.8, 2.75
+_MOST_POINTS = 1500
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """A run as the figures need it. injected : pump -> what was done to it, (time in s, share of the gain left)."""
+
+    name: str
+    color: str
+    ticks: Ticks
+    outputs_V: Floats
+    events: Sequence[LoggedEvent]
+    injected: dict[int, list[tuple[float, float]]]
+
+
+def style() -> AbstractContextManager[None]:
+    """The look of all figures; draw them inside of it."""
+    return mpl.rc_context(_STYLE)
+
+
+def thin(times_s: Floats, values: Floats, most: int = _MOST_POINTS) -> tuple[Floats, Floats]:
+    """At most about `most` points of a series: of every bunch its lowest and its highest, so that no peak is lost."""
+    if len(times_s) <= most:
+        return times_s, values
+    bunch = -(-len(times_s) // (most // 2))
+    starts = np.arange(0, len(values), bunch)
+    keep = {0, len(values) - 1}
+    for start in starts:
+        part = values[start : start + bunch]
+        if np.isfinite(part).any():
+            keep.update((int(start + np.nanargmin(part)), int(start + np.nanargmax(part))))
+        else:
+            keep.add(int(start))
+    chosen = np.array(sorted(keep))
+    return times_s[chosen], values[chosen]
+
+
+def actuator_gains(trace: Trace) -> str:
+    """Figure 2: what is left of each pump's gain, as diagnosed, over what was done to the pumps."""
+    figure, (axes,) = _panels(1)
+    times_s = trace.ticks["t_s"]
+    for pump, changes in sorted(trace.injected.items()):
+        times = [float(times_s[0]), *(at_s for at_s, _ in changes), float(times_s[-1])]
+        shares = [1.0, *(share for _, share in changes), changes[-1][1]]
+        axes.step(times, shares, where="post", color=GREY, lw=3.2, alpha=0.45, label="injected" if pump == 1 else None)
+    for pump, color, dashes in ((1, BLUE, ()), (2, ORANGE, (4, 2.5))):
+        axes.plot(
+            *thin(times_s, trace.ticks[f"theta{pump}"]), color=color, dashes=dashes, label=f"pump {pump}, diagnosed"
+        )
+    axes.set_ylim(-0.03, 1.12)
+    _label(axes, "share of the gain [1]")
+    _legend(axes)
+    return _svg(figure, "Actuator gains")
+
+
+def output(number: int, traces: Sequence[Trace]) -> str:
+    """Figures 3 and 4: one output with its reference, each strategy a line."""
+    figure, (axes,) = _panels(1)
+    first = traces[0].ticks
+    axes.plot(*_steps(first["t_s"], first[f"r{number}_V"]), color=GREY, dashes=(4, 2), lw=1.2, label="reference")
+    target = first[f"target{number}_V"]
+    if not np.allclose(target, first[f"r{number}_V"], equal_nan=True, atol=1e-4):
+        axes.plot(*_steps(first["t_s"], target), color=INK, lw=1.0, dashes=(1, 1.5), label="reference in force")
+    for trace in reversed(traces):
+        axes.plot(*thin(trace.ticks["t_s"], trace.outputs_V[:, number - 1]), color=trace.color, label=trace.name)
+    _mark_alarms(axes, traces[0].events)
+    _label(axes, f"output {number} [V]")
+    _legend(axes)
+    return _svg(figure, f"Output {number}")
+
+
+def commands(traces: Sequence[Trace]) -> str:
+    """Figure 5: the command signals, a panel for each strategy."""
+    figure, panels = _panels(len(traces))
+    for axes, trace in zip(panels, traces, strict=True):
+        times_s = trace.ticks["t_s"]
+        for pump, color in ((1, BLUE), (2, ORANGE)):
+            axes.plot(*thin(times_s, trace.ticks[f"v{pump}_V"]), color=color, lw=1.2, label=f"pump {pump}")
+        axes.set_ylim(-0.3, 10.6)
+        axes.set_yticks([0, 2.5, 5, 7.5, 10], ["0", "2.5", "5", "7.5", "10"])
+        axes.set_title(trace.name, fontsize=9.5, loc="right", color=INK)
+        _label(axes, "command [V]", is_last=axes is panels[-1])
+        _legend(axes)
+    return _svg(figure, "Command signals")
+
+
+def upper_tanks(trace: Trace, gain_V_cm: float) -> str:
+    """The levels of tanks 3 and 4 in cm: measured, and the true ones or the estimates."""
+    figure, (axes,) = _panels(1)
+    times_s = trace.ticks["t_s"]
+    for tank, color, pale in ((3, BLUE, PALE), (4, ORANGE, "#f0d3c4")):
+        axes.plot(*thin(times_s, trace.ticks[f"h{tank}_V"] / gain_V_cm), color=pale, lw=0.8)
+        truth = trace.ticks[f"true_h{tank}_cm"]
+        kind = "true" if trace.ticks.has_truth else "estimated"
+        known = truth if trace.ticks.has_truth else trace.ticks[f"h{tank}_est_V"] / gain_V_cm
+        axes.plot(*thin(times_s, known), color=color, label=f"tank {tank}, {kind}")
+    axes.plot([], [], color=GREY, alpha=0.5, lw=0.8, label="measured (pale)")
+    axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
+    _label(axes, "level [cm]")
+    _legend(axes)
+    return _svg(figure, "Upper tanks")
+
+
+def lateness(trace: Trace) -> str:
+    """How late the steps began: a histogram with a logarithmic count, so that the rare late ones show."""
+    figure, (axes,) = _panels(1)
+    late_ms = trace.ticks["lateness_s"] * 1e3
+    late_ms = late_ms[np.isfinite(late_ms)]
+    if len(late_ms):
+        axes.hist(late_ms, bins=60, color=BLUE, alpha=0.85, log=True)
+        if late_ms.max() > 0.0:
+            at_ms = float(np.quantile(late_ms, 0.99))
+            axes.axvline(at_ms, color=ORANGE, lw=1.2)
+            axes.annotate(
+                f"99 %: {at_ms:.3g} ms", (at_ms, 0.93), xycoords=("data", "axes fraction"),
+                xytext=(5, 0), textcoords="offset points", color=ORANGE,
+            )  # fmt: skip
+    axes.set_xlabel("lateness of a step [ms]")
+    axes.set_ylabel("steps")
+    return _svg(figure, "Lateness of the steps")
+
+
+def _panels(count: int) -> tuple[Figure, list[Axes]]:
+    height_in = _HEIGHT_IN if count == 1 else 0.4 + 2.0 * count
+    figure = Figure(figsize=(_WIDTH_IN, height_in), layout="constrained")
+    grid = figure.subplots(count, 1, sharex=True, squeeze=False)
+    return figure, list(grid[:, 0])
+
+
+def _label(axes: Axes, quantity: str, *, is_last: bool = True) -> None:
+    axes.set_ylabel(quantity)
+    if is_last:
+        axes.set_xlabel("run time [s]")
+    axes.margins(x=0.01)
+
+
+def _legend(axes: Axes) -> None:
+    handles, _ = axes.get_legend_handles_labels()
+    axes.legend(
+        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(handles), frameon=False, fontsize=8.5,
+        handlelength=1.6, columnspacing=1.3, borderaxespad=0.1,
+    )  # fmt: skip
+
+
+def _mark_alarms(axes: Axes, events: Sequence[LoggedEvent]) -> None:
+    for code, color in (("alarm", ORANGE), ("trip", RED)):
+        for t_s in sorted({event.t_s for event in events if event.code == code}):
+            axes.axvline(t_s, color=color, lw=0.9, alpha=0.6)
+            axes.annotate(
+                code, (t_s, 1.0), xycoords=("data", "axes fraction"), xytext=(3, -9),
+                textcoords="offset points", color=color, fontsize=8,
+            )  # fmt: skip
+
+
+def _steps(times_s: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """A held signal as a line: the corners only."""
+    change = np.flatnonzero(np.diff(values)) + 1
+    at = np.concatenate(([0], np.repeat(change, 2), [len(values) - 1])) if len(values) else np.empty(0, dtype=int)
+    times, held = times_s[at], values[at].copy()
+    held[1:-1:2] = values[change - 1] if len(change) else held[1:-1:2]
+    return times, held
+
+
+def _svg(figure: Figure, title: str) -> str:
+    """The figure as an <svg> element for a page: no prolog, no metadata, no reference to anything outside."""
+    text = io.StringIO()
+    figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None}, transparent=True)
+    body = text.getvalue()
+    body = body[body.index("<svg") :]
+    body = re.sub(r"<metadata>.*?</metadata>", "", body, flags=re.DOTALL)
+    body = re.sub(r' xmlns(:\w+)?="[^"]*"', "", body).replace("xlink:href", "href")
+    body = re.sub(r' (width|height)="[\d.]+pt"', "", body, count=2)
+    return body.replace("<svg", f'<svg role="img" aria-label="{title}"', 1)

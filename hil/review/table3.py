@@ -1,0 +1,74 @@
+"""Table 3 of the paper, and the same table of our own runs beside it.
+
+Hajiani and Poshtan, IJICS 2(2), 2012, table 3: the integral of the absolute error in V s, for the gains kept as they
+were and for the gains reconfigured after both pumps have lost 60 % of theirs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rich.table import Table
+
+from hil.core.types import Pair
+from hil.review.kpi import Kpi
+
+GAIN_FALL, REFERENCE_STEP = "gain_fall", "reference_step"
+TITLES = {GAIN_FALL: "Fall of the pumps' gain", REFERENCE_STEP: "Step of the reference"}
+
+PAPER_KEPT_VS: dict[str, Pair] = {GAIN_FALL: (13.07, 9.231), REFERENCE_STEP: (9.348, 9.405)}
+PAPER_RECONFIGURED_VS: dict[str, Pair] = {GAIN_FALL: (0.702, 0.501), REFERENCE_STEP: (6.189, 6.234)}
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One line of the table: window, strategy, the paper's IAE and ours (None: no such run) of outputs 1, 2 in V s."""
+
+    window: str
+    strategy: str
+    paper_Vs: Pair
+    ours_Vs: Pair | None
+
+
+def applies_to(kpi: Kpi) -> bool:
+    """Whether the run was over the paper's two windows."""
+    return set(kpi.iae_Vs) == set(TITLES)
+
+
+def lines(*kpis: Kpi) -> tuple[Line, ...]:
+    """The table's four lines; of several runs with the same strategy the last counts."""
+    ours = {kpi.reconfigure: kpi.iae_Vs for kpi in kpis if applies_to(kpi)}
+    strategies = ((False, "gains kept", PAPER_KEPT_VS), (True, "gains reconfigured", PAPER_RECONFIGURED_VS))
+    return tuple(
+        Line(TITLES[window], name, paper[window], ours[key][window] if key in ours else None)
+        for window in TITLES
+        for key, name, paper in strategies
+    )
+
+
+def cell(value_Vs: float | None) -> str:
+    """A number with the paper's four digits, a dash for none."""
+    return "–" if value_Vs is None else f"{value_Vs:#.4g}" if abs(value_Vs) >= 1.0 else f"{value_Vs:.3f}"
+
+
+def deviation(ours_Vs: float | None, paper_Vs: float) -> str:
+    """How far a number is from the paper's, in per cent of it."""
+    return "" if ours_Vs is None else f"{100.0 * (ours_Vs / paper_Vs - 1.0):+.1f} %"
+
+
+def table(*kpis: Kpi) -> Table:
+    """For the terminal: the paper's table with the given runs beside it."""
+    drawn = Table(title="Integral of the absolute error in V s, beside the paper's table 3", title_style="bold")
+    drawn.add_column("Window")
+    drawn.add_column("Strategy")
+    for output in (1, 2):
+        drawn.add_column(f"Output {output}\npaper", justify="right", style="dim")
+        drawn.add_column("this run", justify="right", style="bold")
+        drawn.add_column("", justify="right")
+    for index, line in enumerate(lines(*kpis)):
+        cells = [line.window if index % 2 == 0 else "", line.strategy]
+        for output in (0, 1):
+            ours_Vs = None if line.ours_Vs is None else line.ours_Vs[output]
+            cells += [cell(line.paper_Vs[output]), cell(ours_Vs), deviation(ours_Vs, line.paper_Vs[output])]
+        drawn.add_row(*cells, end_section=index == 1)
+    return drawn

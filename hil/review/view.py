@@ -1,0 +1,40 @@
+"""Open a run's recording in the Rerun viewer, bound to this machine only."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+from hil.edge.run_folder import RunFolder, RunFolderError
+
+START_S = 3.0  # a viewer that cannot start (no screen, no graphics) gives up sooner
+
+
+class NoViewerError(RunFolderError):
+    """The viewer cannot be used here; the message says what there is instead."""
+
+
+def view(folder: RunFolder, *, start_s: float = START_S) -> None:
+    """Start the viewer on `run.rrd` and leave it to the user.
+
+    Raises NoViewerError, with a message for the user, when there is no recording or no viewer can start.
+    """
+    if not folder.rrd_path.is_file():
+        raise NoViewerError(f"{folder.path} has no run.rrd (recorded without Rerun?); {_instead(folder)}")
+    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise NoViewerError(f"there is no screen here for the Rerun viewer; {_instead(folder)}")
+    command = [sys.executable, "-m", "rerun_cli", str(folder.rrd_path), "--bind", "127.0.0.1", "--port", "auto"]
+    viewer = subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True)  # noqa: S603 - our own path
+    try:
+        code = viewer.wait(timeout=start_s)
+    except subprocess.TimeoutExpired:
+        return  # it runs, and goes on after us
+    if code != 0:
+        raise NoViewerError(f"the Rerun viewer ended at once (code {code}); {_instead(folder)}")
+
+
+def _instead(folder: RunFolder) -> str:
+    if folder.report_path.is_file():
+        return f"the report is at {folder.report_path}"
+    return f"`hil report {folder.path}` makes a report without it"

@@ -1,0 +1,24 @@
+"""Runs of the toy loop, made once."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from hil.edge.run_folder import RunFolder
+
+sys.path.insert(0, str(Path(__file__).parent))  # for `toy`
+
+import toy
+
+
+@pytest.fixture(scope="session")
+def whole_run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
+    return toy.record_run(tmp_path_factory.mktemp("runs") / "whole", with_rerun=True)
+
+
+@pytest.fixture(scope="session")
+def kept_run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
+    return toy.record_run(tmp_path_factory.mktemp("runs") / "kept", reconfigure=False)

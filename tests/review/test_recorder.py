@@ -1,0 +1,306 @@
+from __future__ import annotations
+
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+import toy
+
+from hil.core.types import Event, Mode, Severity
+from hil.edge.recorder import COLUMNS, QueuedRecorder, Recorder, event_line, tick_row
+from hil.edge.run_folder import RunFolder
+from hil.review.ticks import read_events, read_ticks
+
+
+class FullDisk(io.StringIO):
+    """Takes so many characters and then none."""
+
+    def __init__(self, room: int) -> None:
+        super().__init__()
+        self._room = room
+
+    def write(self, text: str) -> int:
+        self._room -= len(text)
+        if self._room < 0:
+            raise OSError(28, "No space left on device")
+        return super().write(text)
+
+
+class BrokenTimeline:
+    def tick(self, row: tuple[float, ...]) -> None:
+        raise RuntimeError(f"viewer library is broken, {len(row)} values lost")
+
+    def event(self, t_s: float, event: Event) -> None: ...
+
+    def flush(self) -> None: ...
+
+    def close(self) -> None: ...
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> RunFolder:
+    return RunFolder.create(tmp_path / "run", toy.plan())
+
+
+def test_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
+    first, second = (toy.record_run(tmp_path / name, until_s=230.0) for name in ("a", "b"))
+    other = toy.record_run(tmp_path / "c", until_s=230.0, seed=2)
+    for name in ("can.log", "ticks.csv", "events.jsonl"):
+        assert (first.path / name).read_bytes() == (second.path / name).read_bytes()
+    assert first.ticks_path.read_bytes() != other.ticks_path.read_bytes()
+
+
+def test_queued_recorder_writes_the_same_bytes_as_the_direct_one(tmp_path: Path) -> None:
+    folders = [RunFolder.create(tmp_path / name, toy.plan()) for name in ("direct", "queued")]
+    direct, inner = (Recorder.open(folder) for folder in folders)
+    queued = QueuedRecorder(inner, period_s=0.001).start()
+    for recorder in (direct, queued):
+        recorder.event(-0.5, Event(Severity.INFO, "ready", "rig is ready"))
+        for index, (record, truth) in enumerate(toy.steps(until_s=20.0)):
+            for frame in toy.frames(record.t_s, index):
+                recorder.frame(*frame)
+            recorder.tick(record, truth)
+        recorder.close("complete", "")
+    assert queued.health().is_ok
+    for name in ("can.log", "ticks.csv", "events.jsonl"):
+        assert (folders[0].path / name).read_bytes() == (folders[1].path / name).read_bytes()
+
+
+def test_can_log_reads_back_as_it_was_sent(folder: RunFolder) -> None:
+    recorder = Recorder.open(folder, channel="vcan0")
+    sent = [frame for index in range(50) for frame in toy.frames(0.1 * index, index)]
+    for frame in sent:
+        recorder.frame(*frame)
+    recorder.frame(6.0, 0x7FF, b"", True)
+    recorder.close("complete", "")
+    with can.LogReader(folder.can_log_path) as reader:
+        read = list(reader)
+    assert len(read) == len(sent) + 1
+    for message, (timestamp_s, frame_id, data, is_rx) in zip(read[:-1], sent, strict=True):
+        assert message.timestamp == pytest.approx(timestamp_s, abs=1e-6)
+        assert (message.arbitration_id, bytes(message.data), message.is_rx) == (frame_id, data, is_rx)
+        assert (message.is_extended_id, message.channel) == (False, "vcan0")
+    assert (read[-1].arbitration_id, read[-1].dlc) == (0x7FF, 0)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        can.Message(arbitration_id=0x1ABCDEF, is_extended_id=True, data=b"\x01\x02"),
+        can.Message(arbitration_id=0x12, is_extended_id=True, data=b"\x01"),
+        can.Message(arbitration_id=0x123, is_extended_id=False, is_remote_frame=True, dlc=4),
+        can.Message(is_error_frame=True),
+        can.Message(arbitration_id=0x123, is_extended_id=False, data=bytes(8), is_rx=False),
+    ],
+    ids=["extended", "extended, small id", "remote", "error", "sent"],
+)
+def test_odd_frames_read_back_as_they_came(folder: RunFolder, message: can.Message) -> None:
+    recorder = Recorder.open(folder)
+    recorder.message(1.25, message)
+    recorder.close("complete", "")
+    with can.LogReader(folder.can_log_path) as reader:
+        (read,) = list(reader)
+    assert read.timestamp == 1.25
+    assert read.is_error_frame == message.is_error_frame
+    if not message.is_error_frame:
+        assert read.equals(message, timestamp_delta=None, check_channel=False, check_direction=True)
+
+
+def test_ticks_read_back_to_the_digits_kept(whole_run: RunFolder) -> None:
+    ticks = read_ticks(whole_run.ticks_path)
+    steps = list(toy.steps())
+    assert len(ticks) == len(steps)
+    for index in (0, 2010, 4999):
+        record, truth = steps[index]
+        expected = tick_row(record, truth)
+        read = [ticks[column][index] for column in COLUMNS]
+        np.testing.assert_allclose(read, expected, rtol=1e-5)
+        np.testing.assert_allclose(read[2:10], expected[2:10], rtol=2e-9)
+    assert ticks.has_truth
+
+
+def test_true_levels_are_empty_where_they_are_not_known(folder: RunFolder) -> None:
+    recorder = Recorder.open(folder)
+    for record, _ in toy.steps(until_s=1.0):
+        recorder.tick(record)
+    recorder.close("complete", "")
+    assert folder.ticks_path.read_text().splitlines()[1].endswith(",,,,")
+    ticks = read_ticks(folder.ticks_path)
+    assert not ticks.has_truth
+    assert np.isnan(ticks["true_h1_cm"]).all()
+
+
+def test_odd_numbers_before_the_first_measurement_are_recorded(folder: RunFolder) -> None:
+    record = next(toy.steps())[0]
+    nothing = (float("nan"),) * 4
+    recorder = Recorder.open(folder)
+    recorder.tick(replace(record, mode=Mode.DISARMED, measured_V=nothing, levels_age_s=float("inf")))
+    recorder.close("complete", "")
+    ticks = read_ticks(folder.ticks_path)
+    assert np.isnan(ticks["h1_V"][0])
+    assert np.isinf(ticks["levels_age_s"][0])
+
+
+@pytest.mark.parametrize("cut", [1, 40, 300])
+def test_a_line_cut_off_at_the_end_is_left_out(tmp_path: Path, whole_run: RunFolder, cut: int) -> None:
+    path = tmp_path / "ticks.csv"
+    path.write_bytes(whole_run.ticks_path.read_bytes()[:-cut])
+    ticks = read_ticks(path)
+    assert len(ticks) == 4999
+    assert ticks["t_s"][-1] == pytest.approx(499.8)
+
+
+def test_a_table_without_a_line_is_empty(tmp_path: Path) -> None:
+    path = tmp_path / "ticks.csv"
+    path.write_text(",".join(COLUMNS) + "\n0.1,2")
+    assert len(read_ticks(path)) == 0
+
+
+def test_events_keep_their_data_and_survive_odd_values() -> None:
+    data = {"cause": "high_level", "size": np.float64(0.25), "gone": float("nan"), "many": (1, np.int64(2))}
+    read = json.loads(event_line(1.5, Event(Severity.ERROR, "trip", "höher als 19 cm\n", data)))
+    assert read["data"] == {"cause": "high_level", "size": 0.25, "gone": None, "many": [1, 2]}
+    assert (read["t_s"], read["severity"], read["text"]) == (1.5, "ERROR", "höher als 19 cm\n")
+
+
+def test_events_are_on_the_disk_as_they_happen(folder: RunFolder) -> None:
+    recorder = Recorder.open(folder)
+    recorder.event(-1.0, Event(Severity.INFO, "ready", "rig is ready"))
+    assert [event.code for event in read_events(folder.events_path)] == ["ready"]
+    recorder.close("complete", "")
+
+
+def test_full_queue_drops_the_oldest_and_counts_them(folder: RunFolder) -> None:
+    recorder = QueuedRecorder(Recorder.open(folder), capacity=10)
+    for record, _ in toy.steps(until_s=2.5):
+        recorder.tick(record)
+    assert recorder.health().dropped == 15
+    assert recorder.health().waiting == 10
+    assert not recorder.health().is_ok
+    recorder.drain()
+    assert recorder.health().dropped == 15
+    recorder.close("complete", "")
+    np.testing.assert_allclose(read_ticks(folder.ticks_path)["t_s"], np.arange(15, 25) * 0.1)
+    (note,) = [event for event in read_events(folder.events_path) if event.code == "record_dropped"]
+    assert note.data["dropped"] == 15
+    assert folder.manifest().recorder == {"errors": [], "dropped": 15}
+
+
+@pytest.mark.parametrize("is_queued", [False, True])
+def test_full_disk_shows_in_health_and_never_raises_into_the_loop(folder: RunFolder, is_queued: bool) -> None:
+    frames, events = folder.can_log_path.open("w"), folder.events_path.open("w")
+    recorder = Recorder(folder, ticks=FullDisk(room=3000), frames=frames, events=events)
+    user = QueuedRecorder(recorder) if is_queued else recorder
+    for index, (record, _) in enumerate(toy.steps(until_s=5.0)):
+        for frame in toy.frames(record.t_s, index):
+            user.frame(*frame)
+        user.tick(record)
+    if isinstance(user, QueuedRecorder):
+        user.drain()
+    assert not user.health().is_ok
+    assert "ticks.csv is lost" in user.health().errors[0]
+    assert "No space left" in user.health().errors[0]
+    user.close("complete", "")
+    with can.LogReader(folder.can_log_path) as reader:
+        assert len(list(reader)) == 15 * 50, "the other files go on"
+    assert "recorder_failed" in [event.code for event in read_events(folder.events_path)]
+    assert "ticks.csv is lost" in folder.manifest().recorder["errors"][0]
+
+
+def test_folder_removed_mid_run_does_not_raise(folder: RunFolder) -> None:
+    recorder = Recorder.open(folder)
+    for path in folder.path.iterdir():
+        path.unlink()
+    folder.path.rmdir()
+    for record, _ in toy.steps(until_s=1.0):
+        recorder.tick(record)
+    recorder.close("complete", "")
+    assert "run.json" in recorder.health().errors[-1]
+
+
+def test_a_broken_timeline_is_given_up_and_the_files_go_on(folder: RunFolder) -> None:
+    recorder = Recorder.open(folder, timeline=BrokenTimeline())
+    for record, _ in toy.steps(until_s=1.0):
+        recorder.tick(record)
+    recorder.close("complete", "")
+    assert recorder.health().errors == (
+        f"the timeline is lost from here on: viewer library is broken, {len(COLUMNS)} values lost",
+    )
+    assert len(read_ticks(folder.ticks_path)) == 10
+
+
+def test_an_entry_that_cannot_be_written_shows_in_health_and_the_thread_goes_on(folder: RunFolder) -> None:
+    recorder = QueuedRecorder(Recorder.open(folder), period_s=0.001).start()
+    recorder.frame(0.0, 0x100, None)  # type: ignore[arg-type]
+    recorder.frame(0.0, 0x101, b"")
+    recorder.close("complete", "")
+    assert "AttributeError" in recorder.health().errors[0]
+    assert "AttributeError" in folder.manifest().recorder["errors"][0]
+    assert "101#" in folder.can_log_path.read_text(), "the entries after it are written"
+
+
+def test_closing_twice_is_harmless(folder: RunFolder) -> None:
+    recorder = Recorder.open(folder)
+    recorder.close("stopped", "first")
+    recorder.close("failed", "second")
+    assert folder.manifest().reason == "first"
+
+
+KILLED = """
+import os, sys
+from pathlib import Path
+sys.path.insert(0, {tests!r})
+import toy
+from hil.edge.recorder import QueuedRecorder, Recorder
+from hil.edge.rerun_log import RerunLog, RunCard
+from hil.edge.run_folder import RunFolder
+from hil.review.blueprint import blueprint
+folder = RunFolder.create(Path(sys.argv[1]), toy.plan(mode="live"))
+log = RerunLog(folder.rrd_path, RunCard("killed", {{}}, "# run"), level_gain_V_cm=0.5, with_truth=False,
+               blueprint=blueprint())
+recorder = QueuedRecorder(Recorder.open(folder, timeline=log), flushes_per_timeline=1)
+for index, (record, truth) in enumerate(toy.steps(until_s=30.0)):
+    for frame in toy.frames(record.t_s, index):
+        recorder.frame(*frame)
+    recorder.tick(record)
+    if index % 2 == 1 and index < 290:
+        recorder.drain()
+print("ready", flush=True)
+if sys.argv[2] == "exit":
+    os._exit(3)
+sys.stdin.read()
+"""
+
+
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")
+@pytest.mark.parametrize("way", ["exit", "kill"])
+def test_what_was_recorded_before_a_kill_is_readable(tmp_path: Path, way: str) -> None:
+    """Drained every second step for 29 s, then a second of steps that only reached the queue: those are lost."""
+    from rerun.chunk import RrdReader
+
+    script = KILLED.format(tests=str(Path(__file__).parent))
+    command = [sys.executable, "-c", script, str(tmp_path / "run"), way]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"ready\n"
+        if way == "kill":
+            os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+    folder = RunFolder.open(tmp_path / "run")
+    assert folder.manifest().outcome == "interrupted"
+    ticks = read_ticks(folder.ticks_path)
+    assert len(ticks) == 290
+    assert [event.code for event in read_events(folder.events_path)] == ["running"]
+    with can.LogReader(folder.can_log_path) as reader:
+        assert len(list(reader)) == 290 * 15
+    chunks = RrdReader(folder.rrd_path).stream().to_chunks()
+    rows = sum(chunk.num_rows for chunk in chunks if chunk.entity_path == "/levels/tank1" and not chunk.is_static)
+    assert rows == 290

@@ -1,0 +1,134 @@
+from __future__ import annotations
+
+import io
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+import toy
+from rich.console import Console
+
+from hil.core.types import Event, Severity
+from hil.edge.recorder import Recorder
+from hil.edge.run_folder import RunFolder, Window
+from hil.review import table3
+from hil.review.figures import thin
+from hil.review.kpi import compute
+from hil.review.report import write_report
+from hil.review.view import NoViewerError, view
+
+
+class Tags(HTMLParser):
+    """Notes the tags and where they point to."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.targets: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.targets += [value or "" for name, value in attrs if name in ("href", "src", "xlink:href", "action")]
+
+
+@pytest.fixture(scope="module")
+def page(whole_run: RunFolder, kept_run: RunFolder) -> str:
+    return write_report(whole_run, kept_run).read_text(encoding="utf-8")
+
+
+def test_report_stands_alone(page: str) -> None:
+    tags = Tags(page)
+    assert all(target.startswith("#") for target in tags.targets)
+    assert not {"script", "link", "img", "iframe"} & set(tags.tags)
+    assert "http" not in page
+    assert not re.search(r"url\((?!#)", page)
+
+
+def test_report_has_the_papers_figures_and_its_table(page: str) -> None:
+    for number in (2, 3, 4, 5):
+        assert f"<b>Figure {number}.</b>" in page
+    assert Tags(page).tags.count("svg") == 6
+    assert "gains kept" in page
+    for number in ("13.07", "9.231", "0.702", "0.501", "9.348", "9.405", "6.189", "6.234"):
+        assert f">{number}<" in page
+
+
+def test_report_escapes_what_comes_from_outside(tmp_path: Path, page: str) -> None:
+    assert "control on &lt;now&gt; &amp; steady" in page
+    assert "gain_V_cm = 0.5 # &lt;b&gt;&amp;" in page
+    evil = "<script>alert('x')</script>"
+    plan = replace(
+        toy.plan(), scenario=evil, windows=(Window(evil, 0.0, 1.0),), copies={evil: evil}, settings=toy.plan().settings
+    )
+    folder = RunFolder.create(tmp_path / "run", plan)
+    recorder = Recorder.open(folder)
+    data = {"detected_s": 0.0, "kind": evil, "target": evil, "size": evil, "cause": evil}
+    events = tuple(Event(Severity.ERROR, code, evil, data) for code in ("alarm", "trip", evil))
+    recorder.tick(replace(next(toy.steps())[0], events=events))
+    recorder.close("failed", evil)
+    text = write_report(folder).read_text(encoding="utf-8")
+    assert "script" not in Tags(text).tags
+    assert "&lt;script&gt;" in text
+
+
+def test_same_record_gives_the_same_report(whole_run: RunFolder) -> None:
+    assert write_report(whole_run).read_bytes() == write_report(whole_run).read_bytes()
+
+
+def test_report_of_an_interrupted_run_says_so(tmp_path: Path) -> None:
+    folder = RunFolder.create(tmp_path / "run", toy.plan())
+    recorder = Recorder.open(folder)
+    for record, _ in toy.steps(until_s=30.0):
+        recorder.tick(record)
+    recorder.flush()
+    text = write_report(folder).read_text(encoding="utf-8")
+    recorder.close("stopped", "")
+    assert "interrupted" in text
+    assert "0.0 s of it recorded" in text
+    assert ">13.07<" not in text, "half a window is not set beside the paper's"
+
+
+def test_report_of_a_run_without_steps(tmp_path: Path) -> None:
+    folder = RunFolder.create(tmp_path / "run", toy.plan())
+    Recorder.open(folder).close("failed", "the rig did not become ready")
+    assert "No control step was recorded" in write_report(folder).read_text(encoding="utf-8")
+
+
+def test_thinning_keeps_the_peaks_and_the_ends() -> None:
+    times_s = np.arange(50_000) * 0.01
+    values = np.sin(times_s)
+    values[31_234] = 9.0
+    thin_s, thinned = thin(times_s, values)
+    assert len(thin_s) <= 1510
+    assert thinned.max() == 9.0
+    assert (thin_s[0], thin_s[-1]) == (times_s[0], times_s[-1])
+    assert (np.diff(thin_s) > 0).all()
+
+
+def test_table_3_shows_paper_and_run_side_by_side(whole_run: RunFolder, kept_run: RunFolder) -> None:
+    console = Console(file=io.StringIO(), width=140)
+    console.print(table3.table(compute(whole_run), compute(kept_run)))
+    text = console.file.getvalue()  # type: ignore[attr-defined]
+    for number in ("13.07", "9.231", "0.702", "0.501", "9.348", "9.405", "6.189", "6.234"):
+        assert number in text
+    assert "–" not in text
+    console.print(table3.table(compute(whole_run)))
+    assert "–" in console.file.getvalue()  # type: ignore[attr-defined]
+
+
+def test_view_without_a_screen_says_where_the_report_is(whole_run: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    write_report(whole_run)
+    with pytest.raises(NoViewerError, match=r"report\.html"):
+        view(whole_run)
+
+
+def test_view_of_a_run_without_a_recording_says_so(kept_run: RunFolder) -> None:
+    with pytest.raises(NoViewerError, match=r"no run\.rrd"):
+        view(kept_run)

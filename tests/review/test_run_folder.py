@@ -1,0 +1,78 @@
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+import toy
+
+from hil.edge.run_folder import (
+    NoRunFolderError,
+    RunFolder,
+    RunFolderError,
+    RunFolderExistsError,
+    versions,
+)
+
+
+def test_an_existing_folder_is_refused_and_left_as_it_is(tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("keep")
+    with pytest.raises(RunFolderExistsError, match="exists already") as caught:
+        RunFolder.create(tmp_path / "mine", toy.plan())
+    assert isinstance(caught.value, FileExistsError)
+    assert "\n" not in str(caught.value)
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["notes.txt"]
+
+
+def test_an_existing_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "mine").write_text("keep")
+    with pytest.raises(FileExistsError):
+        RunFolder.create(tmp_path / "mine", toy.plan())
+
+
+def test_a_folder_that_cannot_be_made_is_a_clear_error(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RunFolderError, match=r"run folder|exists already"):
+        RunFolder.create(tmp_path / "file" / "run", toy.plan())
+
+
+def test_manifest_comes_back_as_it_was_written(tmp_path: Path) -> None:
+    started = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
+    folder = RunFolder.create(tmp_path / "run", toy.plan(), started)
+    manifest = RunFolder.open(folder.path).manifest()
+    assert manifest.plan == toy.plan()
+    assert (manifest.status, manifest.outcome) == ("running", "interrupted")
+    assert manifest.started_utc == "2026-01-02T03:04:05.000+00:00"
+    assert dict(manifest.versions) == versions()
+
+
+def test_finish_replaces_the_status_and_leaves_no_other_file(tmp_path: Path) -> None:
+    folder = RunFolder.create(tmp_path / "run", toy.plan())
+    folder.finish("tripped", "level of tank 1 above 19 cm", speed_x=3.5)
+    manifest = folder.manifest()
+    assert (manifest.status, manifest.reason, manifest.speed_x) == ("tripped", "level of tank 1 above 19 cm", 3.5)
+    assert manifest.ended_utc is not None
+    assert [path.name for path in folder.path.iterdir()] == ["run.json"]
+
+
+def test_opening_something_else_is_a_clear_error(tmp_path: Path) -> None:
+    with pytest.raises(NoRunFolderError, match=r"no run\.json"):
+        RunFolder.open(tmp_path)
+
+
+@pytest.mark.parametrize("text", ["", "{}", '{"format": 99}', "[1]"])
+def test_a_damaged_manifest_is_a_clear_error(tmp_path: Path, text: str) -> None:
+    folder = RunFolder.create(tmp_path / "run", toy.plan())
+    folder.manifest_path.write_text(text)
+    with pytest.raises(RunFolderError):
+        folder.manifest()
+
+
+def test_run_json_has_its_fields_at_the_top(tmp_path: Path) -> None:
+    folder = RunFolder.create(tmp_path / "run", toy.plan())
+    raw = json.loads(folder.manifest_path.read_text())
+    assert {"status", "reason", "started_utc", "ended_utc", "versions", "seed", "scenario", "windows"} <= set(raw)
+    assert {"period_s", "mode", "copies", "settings"} <= set(raw)
+    assert raw["windows"][0] == {"name": "gain_fall", "from_s": 200.0, "to_s": 350.0}
