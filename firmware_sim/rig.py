@@ -21,11 +21,11 @@ from firmware_sim.wire import (
     PUMP_HEARTBEAT_ID,
     STATUS_ID,
     UPPER_LEVELS_ID,
+    Frame,
     NodeState,
     Rejection,
 )
 
-Frame = Message
 NEVER_NS = 1 << 63
 
 
@@ -71,7 +71,7 @@ class Rig:
         self._is_held = settings.tanks.hold_until_run
         self._start_ns: int | None = None
         self._input_V = self.pump.applied_V
-        self._outbox: list[Frame] = []
+        self._outbox: list[Message] = []
         self._rare_ns = self._next_rare_ns()
 
     @property
@@ -89,7 +89,7 @@ class Rig:
         """Due time of the next thing that happens by itself."""
         return min(self._levels_ns, self._status_ns, self._heartbeat_ns, self._rare_ns)
 
-    def advance(self, to_ns: int) -> list[Frame]:
+    def advance(self, to_ns: int) -> list[Message]:
         """Let everything happen that is due up to and including to_ns.
 
         Returns the frames that were sent since the last call, each with its own time in seconds. Raises
@@ -99,7 +99,7 @@ class Rig:
         sent, self._outbox = self._outbox, []
         return sent
 
-    def receive(self, frame: Frame, now_ns: int) -> Rejection | None:
+    def receive(self, frame: Message, now_ns: int) -> Rejection | None:
         """Take a frame from the bus at now_ns; None if the pump node accepted it as a command.
 
         Raises ValueError if now_ns lies in the past.
@@ -198,4 +198,4 @@ class Rig:
             self._send(UPPER_LEVELS_ID, upper, now_ns)
 
     def _send(self, can_id: int, payload: bytes, now_ns: int) -> None:
-        self._outbox.append(Message(now_ns / NS_PER_S, can_id, is_extended_id=False, data=payload, is_rx=False))
+        self._outbox.append(Frame(now_ns / NS_PER_S, can_id, is_extended_id=False, data=payload, is_rx=False))

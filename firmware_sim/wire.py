@@ -65,6 +65,16 @@ class ChannelStatus(IntEnum):
     FAULT = 3
 
 
+class Frame(Message):
+    """A frame of ours. python-can's virtual bus copies what it delivers; this copies quicker, field by field."""
+
+    __slots__ = ()
+
+    def __deepcopy__(self, memo: dict[int, object] | None) -> "Frame":
+        """Copy an ordinary data frame."""
+        return Frame(self.timestamp, self.arbitration_id, is_extended_id=False, data=self.data, is_rx=self.is_rx)
+
+
 class Rejection(Enum):
     """Why a frame was not taken as a command."""
 

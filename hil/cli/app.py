@@ -28,17 +28,17 @@ app = typer.Typer(
 
 ScenarioFile = Annotated[Path, typer.Argument(metavar="SCENARIO.toml", help="The experiment; see config/scenarios.")]
 ConfigDir = Annotated[
-    Optional[Path],  # noqa: UP045 - typer reads the annotation at run time
+    Optional[Path],
     typer.Option("--config", metavar="DIR", help="Folder with rig.toml, emulator.toml and bench.dbc."),
 ]
 OutDir = Annotated[
-    Optional[Path],  # noqa: UP045
+    Optional[Path],
     typer.Option(
         "--out", metavar="DIR", help="The run folder to make; refused if it exists. Default: runs/<time>_<name>."
     ),
 ]
 Duration = Annotated[
-    Optional[float],  # noqa: UP045
+    Optional[float],
     typer.Option("--duration", metavar="S", min=0.0, help="Stop after S seconds of the run instead of the scenario's."),
 ]
 RerunChoice = Annotated[bool, typer.Option("--rerun/--no-rerun", help="Whether to write run.rrd.")]
@@ -98,17 +98,17 @@ def simulate(
 def run(
     scenario: ScenarioFile,
     interface: Annotated[
-        Optional[str],  # noqa: UP045
+        Optional[str],
         typer.Option("-i", "--interface", help="python-can interface: socketcan, slcan... Default: the rig file's."),
     ] = None,
     channel: Annotated[
-        Optional[str],  # noqa: UP045
+        Optional[str],
         typer.Option(
             "-c", "--channel", help="can0, /dev/ttyACM0, socket://127.0.0.1:29536... Default: the rig file's."
         ),
     ] = None,
     bitrate: Annotated[
-        Optional[int],  # noqa: UP045
+        Optional[int],
         typer.Option("-b", "--bitrate", min=10_000, max=1_000_000, help="bit/s. Default: the rig file's."),
     ] = None,
     out: OutDir = None,
@@ -151,7 +151,7 @@ def demo(
 def design(
     config: ConfigDir = None,
     out: Annotated[
-        Optional[Path],  # noqa: UP045
+        Optional[Path],
         typer.Option("--out", metavar="DIR", help="Write step responses and the sigma plot there."),
     ] = None,
 ) -> None:
@@ -174,7 +174,7 @@ def view(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A run folde
 def report(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A run folder.")],
     compare: Annotated[
-        Optional[Path],  # noqa: UP045
+        Optional[Path],
         typer.Option("--compare", metavar="DIR", help="A second run to lay beside it."),
     ] = None,
 ) -> None:

@@ -81,7 +81,7 @@ class CalibratedDesign:
 
     follows_reference: bool = False
 
-    def gains(self, linear: LinearModel) -> Gains:  # noqa: ARG002 - the protocol's signature
+    def gains(self, linear: LinearModel) -> Gains:
         """The same gains always: the paper designs at 3.00 V."""
         return Gains.from_matrix(self.structure().K)
 
@@ -108,7 +108,8 @@ class RigDesign:
         zeros = transmission_zeros(linear)
         if zeros.max() >= 0.0:
             raise DesignError(
-                f"transmission zero at {zeros.max():+.4g} 1/s: with gamma1 + gamma2 < 1 the outputs can't be decoupled stably"
+                f"transmission zero at {zeros.max():+.4g} 1/s: with gamma1 + gamma2 < 1 "
+                "the outputs can't be decoupled stably"
             )
         poles = np.array([*self.output_poles[0], *self.output_poles[1], *zeros])
         A, B = augment(linear)

@@ -1,7 +1,8 @@
 """Which fault, since when, how large.
 
-A `FaultDetector` turns each step's numbers into a verdict. Two are here for comparison with a real one: `IdealDetector`
-has the scenario's own faults reported to it after a delay (the paper's assumption, section 4), `NoDetector` never says anything.
+A `FaultDetector` turns each step's numbers into a verdict. Two are here for comparison with a real one:
+`IdealDetector` has the scenario's own faults reported to it after a delay (the paper's assumption, section 4),
+`NoDetector` never says anything.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ class NoDetector:
         t_s: float,
         measurement: Measurement,
         estimate: Estimate,
-        applied_V: Pair,  # noqa: ARG002
+        applied_V: Pair,
     ) -> tuple[Any, Diagnosis]:
         """Nothing found."""
         return memory, Diagnosis()
@@ -51,7 +52,7 @@ class NoDetector:
 
 @dataclass(frozen=True, slots=True)
 class PumpFault:
-    """From at_s of the run on, pump `target` (1 or 2) moves only `effectiveness` of its flow; until until_s if given."""
+    """From at_s of the run until until_s, pump `target` (1 or 2) moves only `effectiveness` of its flow."""
 
     at_s: float
     target: int
@@ -76,7 +77,7 @@ class IdealDetector:
         t_s: float,
         measurement: Measurement,
         estimate: Estimate,
-        applied_V: Pair,  # noqa: ARG002
+        applied_V: Pair,
     ) -> tuple[Any, Diagnosis]:
         """The faults that stood delay_s ago; an alarm for every pump whose effectiveness is reported anew."""
         then = t_s - self.delay_s + TIME_TOLERANCE_S

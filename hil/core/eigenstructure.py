@@ -149,7 +149,8 @@ def _check_repetition(poles: Array | ComplexArray, n_u: int) -> None:
     worst = int(np.argmax(counts))
     if counts[worst] > n_u:
         raise DesignError(
-            f"pole {values[worst]:g} asked for {counts[worst]} times: with {n_u} inputs it has {n_u} eigenvectors at most"
+            f"pole {values[worst]:g} asked for {counts[worst]} times: "
+            f"with {n_u} inputs it has {n_u} eigenvectors at most"
         )
 
 

@@ -24,7 +24,10 @@ class LevelFilter:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """Levels in cm and as the voltages they would read, lagged pump voltages in V, innovations of the last reading in V (NaN without one)."""
+    """Levels in cm and as the voltages they would read; lagged pump voltages in V; innovations in V.
+
+    An innovation is NaN where there was no reading.
+    """
 
     level_cm: Quad
     level_V: Quad

@@ -33,7 +33,7 @@ class ControlLaw:
 
 @dataclass(frozen=True, slots=True)
 class Reconfiguration:
-    """Configuration: the model, the design, the pumps' upper limit in V, and where a fixed design has its operating point."""
+    """Configuration: the model, the design, the pumps' upper limit in V, a fixed design's operating point in V."""
 
     model: TankModel
     design: GainDesign

@@ -49,8 +49,8 @@ def advance_integral(
     """Q after one period: the error, and back-calculation of what the pumps did not get.
 
     excess_V : (2,) voltage asked for minus voltage applied. While a pump is at its limit the integrals move so that
-    the voltage asked for returns to the one applied with time constant anti_windup_s; q -> q + K_q^-1 theta (v - v_applied) is
-    the whole way.
+    the voltage asked for returns to the one applied with time constant anti_windup_s; the whole way is
+    q -> q + K_q^-1 theta (v - v_applied).
     """
     rate = min(period_s / anti_windup_s, 1.0) if anti_windup_s > 0.0 else 1.0
     d1 = rate * law.effectiveness[0] * excess_V[0]

@@ -8,7 +8,7 @@ voltages in V. Outputs y1, y2: level signals k_c h1, k_c h2 in V. Hajiani and Po
     A3 h3' = -a3 sqrt(2 g h3)                   + (1-g2) k2 v2
     A4 h4' = -a4 sqrt(2 g h4)                   + (1-g1) k1 v1
 
-g1, g2 are the valve splits. A pump with effectiveness theta_j moves theta_j k_j v_j; nothing else in the equations changes.
+g1, g2 are the valve splits. A pump with effectiveness theta_j moves theta_j k_j v_j; nothing else changes.
 """
 
 from __future__ import annotations
@@ -43,7 +43,10 @@ class TankModel:
 
 @dataclass(frozen=True, eq=False)
 class LinearModel:
-    """x' = A x + B u, y = C x around a point; x in cm, u and y in V. A : (4, 4), B : (4, 2), C : (2, 4), in 1/s, cm/(V s), V/cm."""
+    """x' = A x + B u, y = C x around a point; x in cm, u and y in V.
+
+    A : (4, 4) in 1/s. B : (4, 2) in cm/(V s). C : (2, 4) in V/cm.
+    """
 
     A: Array
     B: Array
@@ -154,7 +157,10 @@ def transmission_zeros(linear: LinearModel) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class ReachableTarget:
-    """The lower levels in force, the effective voltages that hold them, and why they are not the wanted ones ("" if they are)."""
+    """The lower levels in force, the effective voltages that hold them, and why they are not the wanted ones.
+
+    reason : "" when they are the wanted ones.
+    """
 
     lower_cm: Pair
     holding_V: Pair

@@ -194,7 +194,13 @@ class RerunLog:
 
     def _log_static(self, card: RunCard, with_truth: bool) -> None:
         for one in series(with_truth):
-            look = rr.SeriesLines(names=one.names, colors=np.array(one.colors, dtype=np.uint32), widths=one.widths)
+            zoomed_out = "Max" if one.entity.startswith("bench/") else "Average"  # the viewer shows rare peaks, too
+            look = rr.SeriesLines(
+                names=one.names,
+                colors=np.array(one.colors, dtype=np.uint32),
+                widths=one.widths,
+                aggregation_policy=rr.components.AggregationPolicy.auto(zoomed_out),
+            )
             self._recording.log(one.entity, look, static=True)
         for entity, (values, labels, colors) in _STATES.items():
             style = rr.StateConfiguration(values=values, labels=labels, colors=np.array(colors, dtype=np.uint32))

@@ -134,7 +134,8 @@ class Rig(Section):
     def _trips_below_the_rim(self) -> Self:
         if self.safety.level_max_cm >= self.tanks.height_cm:
             raise ValueError(
-                f"safety.level_max_cm {self.safety.level_max_cm:g} is not below tanks.height_cm {self.tanks.height_cm:g}"
+                f"safety.level_max_cm {self.safety.level_max_cm:g} is not below "
+                f"tanks.height_cm {self.tanks.height_cm:g}"
             )
         return self
 

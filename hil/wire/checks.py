@@ -7,7 +7,7 @@ The counter rises by one from frame to frame of an identifier. Against the last 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol
 
@@ -49,10 +49,6 @@ class FrameCheck:
     counter: int = -1
     accepted_ns: int = 0
     lost: int = 0
-    _crc_size: int = field(init=False)
-
-    def __post_init__(self) -> None:
-        self._crc_size = self.spec.length - 1
 
     def admit(self, frame: Frame, received_ns: int) -> Decoded | Rejection:
         """The frame's values in units, or why it is refused. A refused frame leaves no trace here."""
@@ -65,15 +61,13 @@ class FrameCheck:
         if crc8(spec.data_id + data[:-1]) != data[-1]:
             return Rejection.CRC
         values = spec.decode(data)
+        if values is None:
+            return Rejection.RANGE
         counter = int(values["Counter"])
-        step = (counter - self.counter) % 16
-        in_sequence = self.counter >= 0 and received_ns - self.accepted_ns <= RESYNCHRONISE_NS
-        if in_sequence and not 1 <= step <= LARGEST_COUNTER_STEP:
-            return Rejection.DUPLICATE if step == 0 else Rejection.OLD
-        for name, lowest, highest in spec.ranges:
-            if not lowest <= values[name] <= highest:
-                return Rejection.RANGE
-        if in_sequence:
+        if self.counter >= 0 and received_ns - self.accepted_ns <= RESYNCHRONISE_NS:
+            step = (counter - self.counter) % 16
+            if not 1 <= step <= LARGEST_COUNTER_STEP:
+                return Rejection.DUPLICATE if step == 0 else Rejection.OLD
             self.lost += step - 1
         self.counter = counter
         self.accepted_ns = received_ns

@@ -6,11 +6,11 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import cantools
-from cantools.database.can import Database, Message
+from cantools.database.can import Database, Message, Signal
 from crccheck.crc import Crc8Autosar
 
 SIGNALS = {
@@ -30,17 +30,45 @@ class ContractError(ValueError):
 Decoded = dict[str, float]
 
 
+@dataclass(frozen=True, slots=True)
+class SignalLayout:
+    """An unsigned little-endian signal: (payload >> shift & mask) * scale, valid up to highest (a raw number)."""
+
+    name: str
+    shift: int
+    mask: int
+    scale: float
+    highest: int
+
+
 @dataclass(frozen=True)
 class FrameSpec:
-    """One frame of ours. decode : payload to signal values in units. ranges : (signal, lowest, highest) in units."""
+    """One frame of ours. data_id : what its CRC begins with. message : cantools' view of it, for encoding."""
 
     name: str
     frame_id: int
     length: int
     data_id: bytes
-    ranges: tuple[tuple[str, float, float], ...]
-    decode: Callable[[bytes], Decoded]
+    signals: tuple[SignalLayout, ...]
     message: Message
+
+    def decode(self, data: bytes) -> Decoded | None:
+        """Payload to signal values in units; None when one is out of its range.
+
+        The same as cantools' decode (a test holds them together), at a third of its time: every frame comes here.
+        """
+        payload = int.from_bytes(data, "little")
+        values: Decoded = {}
+        for name, shift, mask, scale, highest in self._rows:
+            raw = payload >> shift & mask
+            if raw > highest:
+                return None
+            values[name] = raw * scale
+        return values
+
+    @cached_property
+    def _rows(self) -> tuple[tuple[str, int, int, float, int], ...]:
+        return tuple((s.name, s.shift, s.mask, s.scale, s.highest) for s in self.signals)
 
 
 @dataclass(frozen=True)
@@ -97,22 +125,16 @@ def _spec(database: Database, name: str) -> FrameSpec:
     attributes = message.dbc.attributes if message.dbc is not None else {}
     if "DataId" not in attributes:
         raise ContractError(f"frame {name} has no attribute DataId")
-    ranges = tuple(
-        (s.name, float(s.minimum), float(s.maximum))
-        for s in message.signals
-        if s.minimum is not None and s.maximum is not None and not _covers(s.length, s.scale, s.maximum)
-    )
     data_id = int(attributes["DataId"].value).to_bytes(2, "little")
-    return FrameSpec(name, message.frame_id, message.length, data_id, ranges, _decoder(message), message)
+    signals = tuple(_layout(name, signal) for signal in message.signals)
+    return FrameSpec(name, message.frame_id, message.length, data_id, signals, message)
 
 
-def _covers(length: int, scale: float, maximum: float) -> bool:
-    """Whether a signal's range is all that its bits can say, so that there is nothing to check."""
-    return bool(float(maximum) >= (2**length - 1) * scale)
-
-
-def _decoder(message: Message) -> Callable[[bytes], Decoded]:
-    def decode(data: bytes) -> Decoded:
-        return message.decode(data, decode_choices=False)  # type: ignore[return-value]
-
-    return decode
+def _layout(frame: str, signal: Signal) -> SignalLayout:
+    if signal.byte_order != "little_endian" or signal.is_signed or signal.is_float or signal.offset != 0:
+        raise ContractError(f"signal {signal.name} of {frame} must be little-endian, unsigned and without offset")
+    if signal.minimum not in (None, 0):
+        raise ContractError(f"signal {signal.name} of {frame} must start at 0")
+    mask = 2**signal.length - 1
+    highest = mask if signal.maximum is None else min(mask, round(float(signal.maximum) / float(signal.scale)))
+    return SignalLayout(signal.name, signal.start, mask, float(signal.scale), highest)

@@ -33,18 +33,22 @@ def test_adc_is_off_by_half_a_step_except_above_its_highest_code(signal_V, bits)
 @pytest.mark.parametrize(
     ("bits", "signal_V", "reading_V", "status"),
     [
-        (0, 6.1313, 6.1313, OK),
+        (0, 6.1312, 6.1312, OK),
         (0, 0.0, 0.0, OK),
-        (0, -1e-9, 0.0, UNDER),
+        (0, -0.0999, 0.0, OK),
+        (0, -0.1001, 0.0, UNDER),
         (0, 10.24, 10.24, OK),
-        (0, 10.25, 10.24, OVER),
-        (12, -0.1, 0.0, UNDER),
+        (0, 10.3399, 10.24, OK),
+        (0, 10.3401, 10.24, OVER),
+        (12, -0.0999, 0.0, OK),
+        (12, -0.1001, 0.0, UNDER),
         (12, 0.0, 0.0, OK),
         (12, 0.00126, 0.0025, OK),
         (12, 10.24, 10.2375, OK),
-        (12, 10.2401, 10.2375, OVER),
+        (12, 10.3399, 10.2375, OK),
+        (12, 10.3401, 10.2375, OVER),
         (12, 99.0, 10.2375, OVER),
-        (16, 10.2401, 10.23984375, OVER),
+        (16, 10.3401, 10.23984375, OVER),
     ],
 )
 def test_readings_and_status_at_the_ends_of_the_range(bits, signal_V, reading_V, status):
@@ -90,3 +94,19 @@ def test_boots_then_runs():
     node.run_event(200 * MS)
     assert node.state is NodeState.RUN
     assert node.next_event_ns is None
+
+
+@given(st.floats(0.1, 10.1))
+def test_without_a_converter_rounding_to_the_wire_is_carried_on_so_that_the_mean_is_exact(signal_V):
+    convert = converter(0)
+    readings = [convert(signal_V)[0] for _ in range(100)]
+    assert max(abs(reading - signal_V) for reading in readings) <= 0.0002 + 1e-9
+    assert abs(sum(readings) / 100 - signal_V) <= 0.0002 / 100
+
+
+def test_channels_keep_their_remainders_apart():
+    node = level_node(noise_V=0.0, adc_bits=0)
+    sums = [0.0] * 4
+    for _ in range(100):
+        sums = [a + b for a, b in zip(sums, readings_volt(node.levels((4.00013, 4.00027, 2.00031, 2.0))), strict=True)]
+    assert [total / 100 for total in sums] == pytest.approx([2.000065, 2.000135, 1.000155, 1.0], abs=3e-6)
