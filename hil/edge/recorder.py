@@ -111,7 +111,7 @@ def frame_line(timestamp_s: float, channel: str, message: can.Message) -> str:
 def event_line(t_s: float, event: Event) -> str:
     """The event as one line of JSON; numbers that JSON does not know (NaN, inf) become null."""
     entry = {
-        "t_s": t_s,
+        "t_s": round(t_s, 9),
         "severity": str(event.severity),
         "code": event.code,
         "text": event.text,

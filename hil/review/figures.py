@@ -151,6 +151,19 @@ def upper_tanks(trace: Trace, gain_V_cm: float) -> str:
     return _svg(figure, "Upper tanks")
 
 
+def error_so_far(traces: Sequence[Trace]) -> str:
+    """How the integrals of the absolute error grow, as the controller counts them: output 1 full, output 2 dashed."""
+    figure, (axes,) = _panels(1)
+    for trace in reversed(traces):
+        for number, dashes in ((1, ()), (2, (4, 2))):
+            sums = thin(trace.ticks["t_s"], trace.ticks[f"iae{number}_Vs"])
+            axes.plot(*sums, color=trace.color, dashes=dashes, label=trace.name if number == 1 else None)
+    axes.set_ylim(bottom=0.0)
+    _label(axes, "IAE so far [V s]")
+    _legend(axes)
+    return _svg(figure, "Integral of the absolute error")
+
+
 def lateness(trace: Trace) -> str:
     """How late the steps began: a histogram with a logarithmic count, so that the rare late ones show."""
     figure, (axes,) = _panels(1)

@@ -52,7 +52,7 @@ def render(run: Run, other: Run | None = None) -> str:
     body = "".join(
         (
             _header(run.manifest),
-            _cards(run.kpi),
+            _cards(run.kpi, is_live=plan.mode == "live"),
             page.section("Table 3 of the paper", _paper_table(runs) if is_papers else ""),
             page.section("Integral of the absolute error", "" if is_papers else _iae_table(runs)),
             page.section("Alarms and trips", _alarm_table(run.kpi)),
@@ -91,7 +91,7 @@ def _header(manifest: Manifest) -> str:
     return f'<header>{title}<p class="soft">{page.escape(reason)}</p>{page.facts(facts)}</header>\n'
 
 
-def _cards(kpi: Kpi) -> str:
+def _cards(kpi: Kpi, *, is_live: bool) -> str:
     duration = f"{kpi.duration_s:.1f} s"
     pairs = [
         ("recorded", duration),
@@ -100,7 +100,7 @@ def _cards(kpi: Kpi) -> str:
         ("frames rejected", f"{kpi.rejected}"),
         ("largest applied voltage", f"{_number(_largest(kpi.applied_max_V), 3)} V"),
         ("highest level", f"{_number(_largest(kpi.level_max_cm), 4)} cm"),
-        ("lateness, 99 % of steps", _milliseconds(kpi.lateness_s["p99"])),
+        ("lateness, 99 % of steps", _milliseconds(kpi.lateness_s["p99"]) if is_live else "none, simulated"),
         ("alarms, trips", f"{len(kpi.alarms)}, {len(kpi.trips)}"),
     ]
     troubles = [*kpi.recorder.get("errors", [])]
@@ -174,8 +174,10 @@ def _figures(run: Run, other: Run | None) -> str:
             ("Figure 3.", f"Output 1 and its reference ({source}).", figures.output(1, traces)),
             ("Figure 4.", f"Output 2 and its reference ({source}).", figures.output(2, traces)),
             ("Figure 5.", "Command signals.", figures.commands(traces)),
-            ("Timing.", "How late the control steps began.", figures.lateness(traces[0])),
+            ("Error.", "Its integral so far; output 2 dashed.", figures.error_so_far(traces)),
         ]
+        if run.manifest.plan.mode == "live":
+            parts.append(("Timing.", "How late the control steps began.", figures.lateness(traces[0])))
     return '<div class="figures">' + "".join(page.figure(svg, title, text) for title, text, svg in parts) + "</div>\n"
 
 

@@ -52,6 +52,7 @@ def test_report_has_the_papers_figures_and_its_table(page: str) -> None:
     for number in (2, 3, 4, 5):
         assert f"<b>Figure {number}.</b>" in page
     assert Tags(page).tags.count("svg") == 6
+    assert "Timing." not in page, "a simulated clock is never late"
     assert "gains kept" in page
     for number in ("13.07", "9.231", "0.702", "0.501", "9.348", "9.405", "6.189", "6.234"):
         assert f">{number}<" in page
@@ -90,6 +91,13 @@ def test_report_of_an_interrupted_run_says_so(tmp_path: Path) -> None:
     assert "interrupted" in text
     assert "0.0 s of it recorded" in text
     assert ">13.07<" not in text, "half a window is not set beside the paper's"
+
+
+def test_report_of_a_live_run_shows_its_timing(tmp_path: Path) -> None:
+    folder = toy.record_run(tmp_path / "run", live=True, until_s=80.0)
+    text = write_report(folder).read_text(encoding="utf-8")
+    assert "<b>Timing.</b>" in text
+    assert "estimated levels" in text
 
 
 def test_report_of_a_run_without_steps(tmp_path: Path) -> None:
