@@ -19,6 +19,7 @@ holds but for rounding, whatever happens.
 
 import math
 from collections.abc import Callable
+from copy import copy
 
 from firmware_sim.settings import EmulatorSettings, equilibrium_cm
 
@@ -56,7 +57,6 @@ class Tanks:
     """Levels, flow voltages and volume counters; starts in the equilibrium of start_V, pumps at rest."""
 
     def __init__(self, settings: EmulatorSettings) -> None:
-        self._settings = settings
         self._slopes = slopes_of(settings)
         self._area_cm2 = settings.tanks.area_cm2
         self._height_cm = settings.tanks.height_cm
@@ -74,15 +74,8 @@ class Tanks:
         return sum(area * level for area, level in zip(self._area_cm2, self.levels_cm, strict=True))
 
     def copy(self) -> "Tanks":
-        """Return a second plant in the same state."""
-        twin = Tanks(self._settings)
-        twin.levels_cm, twin.flow_V = self.levels_cm, self.flow_V
-        twin.pumped_cm3, twin.drained_cm3, twin.spilled_cm3 = (
-            self.pumped_cm3,
-            self.drained_cm3,
-            self.spilled_cm3,
-        )
-        return twin
+        """Return a second plant in the same state; all of that state is immutable values."""
+        return copy(self)
 
     def advance(self, dt_s: float, applied_V: tuple[float, float], effectiveness: list[float]) -> None:
         """Go on by dt_s with constant inputs, in equal steps of at most 20 ms."""

@@ -147,6 +147,7 @@ def _recorder(
         level_gain_V_cm=bench.rig.sensors.gain_V_cm,
         with_truth=with_truth,
         blueprint=blueprint(config.duration_s),
+        compact_at_close=not with_truth,
     )
     return Recorder.open(folder, timeline=timeline)
 

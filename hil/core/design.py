@@ -122,7 +122,10 @@ def decoupling_parameters(linear: LinearModel, poles: Array) -> Array:
     G(l)^-1 e_j up to scale is column j of the adjugate of G(l), which also gives the null direction at a zero.
     """
     shifted = poles[:, None, None] * np.eye(4) - linear.A
-    G = linear.C @ np.linalg.solve(shifted, np.broadcast_to(linear.B, (len(poles), 4, 2)))
+    try:
+        G = linear.C @ np.linalg.solve(shifted, np.broadcast_to(linear.B, (len(poles), 4, 2)))
+    except np.linalg.LinAlgError:
+        raise DesignError(f"one of the poles {poles.tolist()} is an eigenvalue of A; move it") from None
     adjugate = np.empty_like(G)
     adjugate[:, 0, 0], adjugate[:, 1, 1] = G[:, 1, 1], G[:, 0, 0]
     adjugate[:, 0, 1], adjugate[:, 1, 0] = -G[:, 0, 1], -G[:, 1, 0]

@@ -62,10 +62,16 @@ class PumpFault:
 
 @dataclass(frozen=True)
 class IdealDetector:
-    """Knows the faults to come and reports each, exactly, delay_s after it has happened (or has gone)."""
+    """Knows the faults to come and reports each, exactly, delay_s after it has happened (or has gone).
+
+    Of two faults of one pump the one that began later holds; when it ends, the earlier one holds again.
+    """
 
     faults: tuple[PumpFault, ...]
     delay_s: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "faults", tuple(sorted(self.faults, key=lambda fault: fault.at_s)))
 
     def start(self) -> Any:
         """The effectiveness reported last."""

@@ -76,13 +76,13 @@ def assign(A: ArrayLike, B: ArrayLike, poles: ArrayLike, parameters: ArrayLike) 
     n = A.shape[0]
     shifted: NDArray[Any] = np.empty((n, n, n), dtype=poles.dtype)
     shifted[:] = A
-    shifted.reshape(n, n * n)[:, :: n + 1] -= poles[:, None]
-    try:
-        V = np.linalg.solve(shifted, (W.T @ B.T)[:, :, None])[:, :, 0].T
-    except np.linalg.LinAlgError:
-        raise DesignError(_on_an_eigenvalue(A, poles)) from None
-    norms = np.sqrt(np.add.reduce((V * V.conj()).real if poles.dtype.kind == "c" else V * V))
-    with np.errstate(invalid="ignore", divide="ignore"):  # a zero column is caught below, with its reason
+    with np.errstate(all="ignore"):  # a zero or non-finite column is caught below, with its reason
+        shifted.reshape(n, n * n)[:, :: n + 1] -= poles[:, None]
+        try:
+            V = np.linalg.solve(shifted, (W.T @ B.T)[:, :, None])[:, :, 0].T
+        except np.linalg.LinAlgError:
+            raise DesignError(_not_finite(A, B, poles) or _on_an_eigenvalue(A, poles)) from None
+        norms = np.sqrt(np.add.reduce((V * V.conj()).real if poles.dtype.kind == "c" else V * V))
         V, W = V / norms, W / norms
     basis, image = (V, W) if poles.dtype.kind == "f" else (_real_basis(V, poles), _real_basis(W, poles))
     lu, pivots, info = lapack.dgetrf(basis)
@@ -174,9 +174,9 @@ def _on_an_eigenvalue(A: Array, poles: Array | ComplexArray) -> str:
 def _why_singular(A: Array, B: Array, poles: Array | ComplexArray, W: Array | ComplexArray) -> str:
     """Slow and only for the message: name the mode or the parameters that make V singular."""
     n = A.shape[0]
-    for name, values in (("A", A), ("B", B), ("poles", poles)):
-        if not np.all(np.isfinite(values)):
-            return f"{name} has a number that is not finite"
+    broken = _not_finite(A, B, poles)
+    if broken:
+        return broken
     degenerate = np.flatnonzero(~np.all(np.isfinite(W), axis=0))
     if degenerate.size:
         return f"the parameter of pole {poles[degenerate[0]]:g} is zero, not finite, or moves nothing"
@@ -184,3 +184,10 @@ def _why_singular(A: Array, B: Array, poles: Array | ComplexArray, W: Array | Co
         if np.linalg.matrix_rank(np.hstack([A - mode * np.eye(n), B])) < n:
             return f"mode {mode:g} of A can't be reached from the inputs: no feedback moves it"
     return "the eigenvectors that these poles and parameters give are linearly dependent; choose other parameters"
+
+
+def _not_finite(A: Array, B: Array, poles: Array | ComplexArray) -> str:
+    for name, values in (("A", A), ("B", B), ("poles", poles)):
+        if not np.all(np.isfinite(values)):
+            return f"{name} has a number that is not finite"
+    return ""

@@ -7,7 +7,7 @@ reading then moves each level by a fixed share of its innovation, chosen by a ti
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import exp, inf, isfinite
+from math import exp, isfinite, nan
 
 from hil.core.tanks import TankModel, level_rates
 from hil.core.types import Measurement, Pair, Quad
@@ -57,16 +57,18 @@ def step(
     predicted, pump_V = _predict(filter_, estimate, applied_V, effectiveness, period_s)
     k = filter_.model.level_gain_V_cm
     share = 1.0 - exp(-period_s / filter_.filter_s) if filter_.filter_s > 0.0 else 1.0
-    levels: list[float] = []
-    innovations: list[float] = []
-    for h, y, is_valid in zip(predicted, measurement.level_V, measurement.valid, strict=True):
-        usable = is_valid and measurement.readings > 0 and isfinite(y)
-        innovation = y - k * h if usable else float("nan")
-        levels.append(max(0.0, h + share * innovation / k) if usable else h)
-        innovations.append(innovation)
-    h1, h2, h3, h4 = levels
-    n1, n2, n3, n4 = innovations
-    return Estimate((h1, h2, h3, h4), (k * h1, k * h2, k * h3, k * h4), pump_V, (n1, n2, n3, n4))
+    if measurement.readings > 0:
+        y1, y2, y3, y4 = (y if ok else nan for y, ok in zip(measurement.level_V, measurement.valid, strict=True))
+    else:
+        y1 = y2 = y3 = y4 = nan
+    h1, h2, h3, h4 = predicted
+    innovation_V = (y1 - k * h1, y2 - k * h2, y3 - k * h3, y4 - k * h4)
+    n1, n2, n3, n4 = (n if isfinite(n) else 0.0 for n in innovation_V)
+    gain = share / k
+    h1, h2, h3, h4 = h1 + gain * n1, h2 + gain * n2, h3 + gain * n3, h4 + gain * n4
+    level_cm = (max(h1, 0.0), max(h2, 0.0), max(h3, 0.0), max(h4, 0.0))
+    h1, h2, h3, h4 = level_cm
+    return Estimate(level_cm, (k * h1, k * h2, k * h3, k * h4), pump_V, innovation_V)
 
 
 def _predict(
@@ -79,13 +81,18 @@ def _predict(
     drive = (t1 * (v1 + (p1 - v1) * mean_share), t2 * (v2 + (p2 - v2) * mean_share))
     h = estimate.level_cm
     first = level_rates(filter_.model, h, drive)
-    ahead = _moved(h, first, period_s, filter_.model.height_cm)
-    second = level_rates(filter_.model, ahead, drive)
-    r1, r2, r3, r4 = ((a + b) / 2.0 for a, b in zip(first, second, strict=True))
-    levels = _moved(h, (r1, r2, r3, r4), period_s, filter_.model.height_cm)
-    return levels, (v1 + (p1 - v1) * decay, v2 + (p2 - v2) * decay)
+    second = level_rates(filter_.model, _moved(h, first, period_s, filter_.model.height_cm), drive)
+    (a1, a2, a3, a4), (b1, b2, b3, b4) = first, second
+    mean = ((a1 + b1) / 2.0, (a2 + b2) / 2.0, (a3 + b3) / 2.0, (a4 + b4) / 2.0)
+    return _moved(h, mean, period_s, filter_.model.height_cm), (v1 + (p1 - v1) * decay, v2 + (p2 - v2) * decay)
 
 
-def _moved(level_cm: Quad, rate_cm_s: Quad, period_s: float, height_cm: float = inf) -> Quad:
-    h1, h2, h3, h4 = (min(max(h + period_s * r, 0.0), height_cm) for h, r in zip(level_cm, rate_cm_s, strict=True))
-    return (h1, h2, h3, h4)
+def _moved(level_cm: Quad, rate_cm_s: Quad, dt: float, height_cm: float) -> Quad:
+    (h1, h2, h3, h4), (r1, r2, r3, r4) = level_cm, rate_cm_s
+    h1, h2, h3, h4 = h1 + dt * r1, h2 + dt * r2, h3 + dt * r3, h4 + dt * r4
+    return (
+        min(max(h1, 0.0), height_cm),
+        min(max(h2, 0.0), height_cm),
+        min(max(h3, 0.0), height_cm),
+        min(max(h4, 0.0), height_cm),
+    )

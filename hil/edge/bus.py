@@ -62,6 +62,16 @@ class BusAddress:
             ) from None
 
 
+class OwnFrame(can.Message):
+    """A frame that we send. The virtual bus copies what it delivers; this copies quicker, field by field."""
+
+    __slots__ = ()
+
+    def __deepcopy__(self, memo: dict[int, Any] | None) -> OwnFrame:
+        """Copy an ordinary data frame."""
+        return OwnFrame(self.timestamp, self.arbitration_id, is_extended_id=False, data=self.data, is_rx=self.is_rx)
+
+
 class BusPort:
     """An open bus as the control loop sees it. `is_up` turns false when the link fails, and stays so."""
 
@@ -94,7 +104,7 @@ class BusPort:
 
     def send(self, frame_id: int, data: bytes, timestamp_s: float) -> bool:
         """Send one frame now or not at all; whether it went out."""
-        message = can.Message(arbitration_id=frame_id, data=data, is_extended_id=False, timestamp=timestamp_s)
+        message = OwnFrame(timestamp_s, frame_id, is_extended_id=False, data=data, is_rx=False)
         try:
             self._bus.send(message, timeout=0)
         except BUS_ERRORS as error:

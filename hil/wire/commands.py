@@ -6,7 +6,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from hil.core.types import Command, Pair
-from hil.wire.contract import Contract, crc8
+from hil.wire.contract import Contract
 
 LONGEST_MEMORY = 15
 """A 4-bit echo tells no more commands apart."""
@@ -41,7 +41,7 @@ class CommandSender:
         return self._spec.frame_id
 
     def encode(self, command: Command, now_ns: int) -> bytes:
-        """Payload of the next frame. The supervisor has limited the voltages: out of range is a bug (EncodeError)."""
+        """Payload of the next frame. The supervisor has limited the voltages: out of range is a bug (ValueError)."""
         counter = self.sent % 16
         values = {
             "Command1": command.voltage_V[0],
@@ -49,12 +49,11 @@ class CommandSender:
             "Enable": int(command.enable),
             "ClearTrip": int(command.clear_trip),
             "Counter": counter,
-            "Crc": 0,
         }
-        payload = self._spec.message.encode(values, strict=True)
+        payload = self._spec.encode(values)
         self._pending.append(Sent(self.sent, counter, now_ns, command.voltage_V, command.enable))
         self.sent += 1
-        return payload[:-1] + bytes((crc8(self._spec.data_id + payload[:-1]),))
+        return payload
 
     def echo(self, counter: int, accepted: int) -> Sent | None:
         """Take note of an echo and of the node's count of accepted commands (modulo 256); the command it stands for.

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import cantools
-from cantools.database.can import Database, Message, Signal
+from cantools.database.can import Database, Signal
 from crccheck.crc import Crc8Autosar
 
 SIGNALS = {
@@ -43,14 +43,13 @@ class SignalLayout:
 
 @dataclass(frozen=True)
 class FrameSpec:
-    """One frame of ours. data_id : what its CRC begins with. message : cantools' view of it, for encoding."""
+    """One frame of ours. data_id : what its CRC begins with."""
 
     name: str
     frame_id: int
     length: int
     data_id: bytes
     signals: tuple[SignalLayout, ...]
-    message: Message
 
     def decode(self, data: bytes) -> Decoded | None:
         """Payload to signal values in units; None when one is out of its range.
@@ -65,6 +64,22 @@ class FrameSpec:
                 return None
             values[name] = raw * scale
         return values
+
+    def encode(self, values: Decoded) -> bytes:
+        """Signal values in units (Crc left out) to a payload with its CRC; the same as cantools' encode.
+
+        Raises ValueError for a value that the signal can't carry.
+        """
+        payload = 0
+        for name, shift, _, scale, highest in self._rows:
+            if name == "Crc":
+                continue
+            raw = round(values[name] / scale)
+            if not 0 <= raw <= highest:
+                raise ValueError(f"{self.name}.{name} {values[name]!r} is outside 0..{highest * scale:g}")
+            payload |= raw << shift
+        body = payload.to_bytes(self.length, "little")[:-1]
+        return body + bytes((crc8(self.data_id + body),))
 
     @cached_property
     def _rows(self) -> tuple[tuple[str, int, int, float, int], ...]:
@@ -127,7 +142,7 @@ def _spec(database: Database, name: str) -> FrameSpec:
         raise ContractError(f"frame {name} has no attribute DataId")
     data_id = int(attributes["DataId"].value).to_bytes(2, "little")
     signals = tuple(_layout(name, signal) for signal in message.signals)
-    return FrameSpec(name, message.frame_id, message.length, data_id, signals, message)
+    return FrameSpec(name, message.frame_id, message.length, data_id, signals)
 
 
 def _layout(frame: str, signal: Signal) -> SignalLayout:
