@@ -153,15 +153,29 @@ def choose_rig_design(linear: LinearModel, poles: Sequence[float], noise_gain_ma
         raise DesignError(f"output poles {list(poles)}: want four stable real poles")
     level_gain = float(linear.C[0, 0])
     for slowing in 0.95 ** np.arange(60):
-        slowed = [float(p * slowing) for p in poles]
+        structures = _assignable(linear, [float(p * slowing) for p in poles])
         candidates = [
             (structure.cond_v, design)
-            for design in _pairings(slowed)
-            if noise_gain((structure := design.structure(linear)).K, level_gain) <= noise_gain_max
+            for design, structure in structures
+            if noise_gain(structure.K, level_gain) <= noise_gain_max
         ]
         if candidates:
             return min(candidates, key=lambda candidate: candidate[0])[1]
     raise DesignError(f"noise gain {noise_gain_max:g} V/V can't be met by slowing the poles {list(poles)}")
+
+
+def _assignable(linear: LinearModel, poles: list[float]) -> list[tuple[RigDesign, Eigenstructure]]:
+    """The pairings that can be had: equal poles may lie at different outputs. When none can, DesignError of the last."""
+    found = []
+    refusal: DesignError | None = None
+    for design in _pairings(poles):
+        try:
+            found.append((design, design.structure(linear)))
+        except DesignError as error:
+            refusal = error
+    if refusal is not None and not found:
+        raise refusal
+    return found
 
 
 def _pairings(poles: list[float]) -> list[RigDesign]:
