@@ -165,7 +165,7 @@ def choose_rig_design(linear: LinearModel, poles: Sequence[float], noise_gain_ma
 
 
 def _assignable(linear: LinearModel, poles: list[float]) -> list[tuple[RigDesign, Eigenstructure]]:
-    """The pairings that can be had: equal poles may lie at different outputs. When none can, DesignError of the last."""
+    """The pairings that can be had (equal poles need different outputs); the last DesignError when none can."""
     found = []
     refusal: DesignError | None = None
     for design in _pairings(poles):

@@ -68,11 +68,11 @@ class CommandSender:
         while self._pending and self._pending[0].number <= match.number:
             self._pending.popleft()
         self._echoed = match
-        if self._base is None:
-            self._base = match.number, accepted
-        else:
-            self.lost += (match.number - self._base[0] - (accepted - self._base[1])) % 256
-            self._base = match.number, accepted
+        if self._base is not None:
+            missing = (match.number - self._base[0] - (accepted - self._base[1])) % 256
+            if missing < 128:  # else the node has counted more than was sent: it began anew
+                self.lost += missing
+        self._base = match.number, accepted
         return match
 
     def unechoed_s(self, now_ns: int) -> float:

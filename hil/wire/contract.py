@@ -22,6 +22,9 @@ SIGNALS = {
     "LevelHeartbeat": ("State", "Counter", "BootCount", "Contract", "Crc"),
 }
 
+COUNTS = {"Counter": 15, "Echo": 15, "Accepted": 255, "State": 3, "Contract": 2**32 - 1}
+"""Highest numbers of the signals whose meaning is fixed; the counter rules and the state machines rest on them."""
+
 
 class ContractError(ValueError):
     """A DBC that is not the bench's; the message says what is missing or wrong."""
@@ -140,16 +143,22 @@ def _spec(database: Database, name: str) -> FrameSpec:
     attributes = message.dbc.attributes if message.dbc is not None else {}
     if "DataId" not in attributes:
         raise ContractError(f"frame {name} has no attribute DataId")
-    data_id = int(attributes["DataId"].value).to_bytes(2, "little")
-    signals = tuple(_layout(name, signal) for signal in message.signals)
-    return FrameSpec(name, message.frame_id, message.length, data_id, signals)
+    data_id = attributes["DataId"].value
+    if not isinstance(data_id, int) or not 0 <= data_id <= 0xFFFF:
+        raise ContractError(f"frame {name} has DataId {data_id!r}, want 0..65535")
+    signals = tuple(_layout(name, signal) for signal in message.signals if signal.name in SIGNALS[name])
+    return FrameSpec(name, message.frame_id, message.length, data_id.to_bytes(2, "little"), signals)
 
 
 def _layout(frame: str, signal: Signal) -> SignalLayout:
     if signal.byte_order != "little_endian" or signal.is_signed or signal.is_float or signal.offset != 0:
         raise ContractError(f"signal {signal.name} of {frame} must be little-endian, unsigned and without offset")
+    if signal.scale <= 0:
+        raise ContractError(f"signal {signal.name} of {frame} must have a scale above 0")
     if signal.minimum not in (None, 0):
         raise ContractError(f"signal {signal.name} of {frame} must start at 0")
     mask = 2**signal.length - 1
     highest = mask if signal.maximum is None else min(mask, round(float(signal.maximum) / float(signal.scale)))
+    if signal.name in COUNTS and (highest, signal.scale) != (COUNTS[signal.name], 1):
+        raise ContractError(f"signal {signal.name} of {frame} must count 0..{COUNTS[signal.name]}")
     return SignalLayout(signal.name, signal.start, mask, float(signal.scale), highest)
