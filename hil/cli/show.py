@@ -101,7 +101,8 @@ def finish(console: Console, folder: Path, figures: Kpi, *, with_report: bool) -
         for name in ("window", "IAE 1 [V s]", "IAE 2 [V s]"):
             table.add_column(name, justify="left" if name == "window" else "right")
         for window, (first, second) in figures.iae_Vs.items():
-            table.add_row(window, f"{first:.3f}", f"{second:.3f}")
+            reached = figures.iae_covered_s[window] > 0.0
+            table.add_row(window, *((f"{first:.3f}", f"{second:.3f}") if reached else ("not reached", "")))
         console.print(table)
     speed = "" if figures.speed_x is None else f", {figures.speed_x:.0f} times real time"
     console.print(

@@ -14,10 +14,12 @@ from typing import Any, Literal
 
 import numpy as np
 
+from hil.core.types import Mode
 from hil.edge.run_folder import Manifest, RunFolder, RunFolderError, Window, write_atomically
 from hil.review.ticks import Floats, LoggedEvent, Ticks, read
 
 LEVELS = ("1", "2", "3", "4")
+CONTROLLING = [mode.value for mode in Mode if mode.is_controlling]
 Finite = float | None  # None: not known
 
 
@@ -26,7 +28,9 @@ class Kpi:
     """The figures as `kpi.json` has them; None where the run was too short or the value is not known.
 
     iae_Vs : window -> outputs 1, 2, of the reference asked for against the level. iae_covered_s : how much of the
-    window the record covers. lateness_s : quantiles of how late the steps began.
+    window the record covers. ticks : steps in control, arming and ramp left out. commands : how many were sent, how
+    many of them the pump node did not accept, how many frames were lost. lateness_s : quantiles of how late the steps
+    began.
     """
 
     scenario: str
@@ -44,6 +48,7 @@ class Kpi:
     duration_s: float
     skipped: int
     rejected: int
+    commands: dict[str, Any]
     lateness_s: dict[str, Finite]
     recorder: dict[str, Any]
     speed_x: float | None
@@ -84,10 +89,11 @@ def evaluate(manifest: Manifest, ticks: Ticks, events: Sequence[LoggedEvent], sp
             for event in events
             if event.code == "trip"
         ),
-        ticks=len(ticks),
+        ticks=int(np.isin(ticks["mode"], CONTROLLING).sum()),
         duration_s=_last(ticks["t_s"]) - (float(ticks["t_s"][0]) if len(ticks) else 0.0),
         skipped=int(_last(ticks["skipped"])),
         rejected=int(_last(ticks["rejected"])),
+        commands=next((dict(event.data) for event in events if event.code == "end"), {}),
         lateness_s=_quantiles(ticks["lateness_s"]),
         recorder=dict(manifest.recorder),
         speed_x=manifest.speed_x if speed_x is None else speed_x,
