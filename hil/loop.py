@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 from hil.core import controller, supervisor
 from hil.core.controller import ControllerConfig, ControllerState, Output
 from hil.core.types import Command, Event, Inputs, Mode, NodeState, Quad, Severity, TickRecord, Timing, TripCause
-from hil.wire.checks import Frame
+from hil.wire.checks import Frame, is_plain
 from hil.wire.commands import CommandSender
 from hil.wire.contract import Contract
 from hil.wire.receiver import Receiver
@@ -43,6 +43,10 @@ class Recorder(Protocol):
 
     def frame(self, timestamp_s: float, arbitration_id: int, data: bytes | bytearray, is_rx: bool = True) -> None:
         """One frame of ours."""
+        ...
+
+    def message(self, timestamp_s: float, message: Any) -> None:
+        """A frame of any other kind, as the bus gave it."""
         ...
 
     def event(self, t_s: float, event: Event) -> None:
@@ -99,7 +103,10 @@ class ControlLoop:
     def receive(self, frame: Frame, received_ns: int) -> None:
         """Read, decode: one frame off the bus."""
         self._receiver.take(frame, received_ns)
-        self._recorder.frame(received_ns * 1e-9, frame.arbitration_id, frame.data, True)
+        if is_plain(frame):
+            self._recorder.frame(received_ns * 1e-9, frame.arbitration_id, frame.data, True)
+        else:
+            self._recorder.message(received_ns * 1e-9, frame)
 
     def tick(self, now_ns: int, timing: Timing, stop_reason: str = "") -> None:
         """Step, encode, write, record. `outcome` is set once the run is over and the pumps are known to be off."""

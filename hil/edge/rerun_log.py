@@ -21,7 +21,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from hil.core.types import Event, Mode
-from hil.edge.recorder import COLUMNS, Row
+from hil.edge.record_format import COLUMNS, Row
 
 TIMELINE = "run_time"
 _NONE = "none"

@@ -28,6 +28,11 @@ class Frame(Protocol):
     is_fd: bool
 
 
+def is_plain(frame: Frame) -> bool:
+    """Whether it is a classic data frame with an 11-bit identifier, as all of ours are."""
+    return not (frame.is_extended_id or frame.is_remote_frame or frame.is_error_frame or frame.is_fd)
+
+
 class Rejection(StrEnum):
     """Why a frame changed nothing."""
 
@@ -53,7 +58,7 @@ class FrameCheck:
     def admit(self, frame: Frame, received_ns: int) -> Decoded | Rejection:
         """The frame's values in units, or why it is refused. A refused frame leaves no trace here."""
         spec = self.spec
-        if frame.is_extended_id or frame.is_remote_frame or frame.is_fd:
+        if not is_plain(frame):
             return Rejection.KIND
         data = bytes(frame.data)
         if len(data) != spec.length:

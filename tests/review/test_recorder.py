@@ -15,7 +15,8 @@ import pytest
 import toy
 
 from hil.core.types import Event, Mode, Severity
-from hil.edge.recorder import COLUMNS, QueuedRecorder, Recorder, event_line, tick_row
+from hil.edge.record_format import COLUMNS, event_line, tick_row
+from hil.edge.recorder import QueuedRecorder, Recorder
 from hil.edge.run_folder import RunFolder
 from hil.review.ticks import read_events, read_ticks
 

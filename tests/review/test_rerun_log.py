@@ -8,7 +8,8 @@ import toy
 from rerun.chunk import RrdReader
 
 from hil.core.types import Event, Mode, Severity
-from hil.edge.recorder import COLUMNS, Recorder
+from hil.edge.record_format import COLUMNS
+from hil.edge.recorder import Recorder
 from hil.edge.rerun_log import TIMELINE, RerunLog, RunCard, compact, series
 from hil.edge.run_folder import RunFolder
 from hil.review.blueprint import blueprint
