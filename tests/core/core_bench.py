@@ -1,0 +1,134 @@
+"""Helpers of the core's tests: the bench's models, made-up inputs, tanks to close a loop around."""
+
+import math
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from hil.core import controller
+from hil.core.closed_loop import LoopConfig
+from hil.core.controller import ControllerConfig, ControllerState
+from hil.core.design import CalibratedDesign, RigDesign, choose_rig_design
+from hil.core.diagnosis import NoDetector
+from hil.core.estimator import LevelFilter
+from hil.core.reconfiguration import Reconfiguration
+from hil.core.supervisor import Limits
+from hil.core.tanks import TankModel, equilibrium, level_rates, linearise
+from hil.core.types import BusHealth, Inputs, Measurement, NodeHealth, NodeState, PumpFeedback
+
+RIG = tomllib.loads((Path(__file__).resolve().parents[2] / "config/rig.toml").read_text())
+OUTPUT_POLES = tuple(RIG["control"]["output_poles"])
+NOISE_GAIN_MAX = RIG["control"]["noise_gain_max"]
+BENCH = TankModel()
+PERIOD_S = 0.1
+SECOND = 1_000_000_000
+OUTFLOW = math.sqrt(2.0 * 981.0)
+
+
+def at(voltage_V=(3.0, 3.0), model=BENCH):
+    """Linear model at the equilibrium of these voltages."""
+    return linearise(model, equilibrium(model, voltage_V))
+
+
+def rig_design() -> RigDesign:
+    return choose_rig_design(at(), OUTPUT_POLES, NOISE_GAIN_MAX)
+
+
+def reconfiguration(design=None, limit_V=10.0) -> Reconfiguration:
+    return Reconfiguration(BENCH, design or rig_design(), limit_V, (3.0, 3.0))
+
+
+CALIBRATED = CalibratedDesign()
+LIMITS = Limits(
+    range_V=(0.0, 10.0),
+    rate_V_s=20.0,
+    stop_ramp_V_s=20.0,
+    level_max_cm=19.0,
+    level_gain_V_cm=0.5,
+    levels_age_max_s=0.3,
+    status_age_max_s=0.3,
+    heartbeat_age_max_s=0.25,
+    echo_age_max_s=0.5,
+)
+
+
+def measurement(level_V, *, valid=(True, True, True, True), age_s=0.01, readings=5) -> Measurement:
+    return Measurement(tuple(level_V), valid, age_s, readings)
+
+
+def inputs(level_V, applied_V=(0.0, 0.0), state=NodeState.RUN, shortfall_V=(0.0, 0.0), **changes) -> Inputs:
+    """What a healthy bench would say."""
+    healthy = Inputs(
+        measurement(level_V),
+        PumpFeedback(applied_V, shortfall_V, state, 0, 0.02, 0.0),
+        NodeHealth(0.05, rebooted=False, contract_matches=True),
+        BusHealth(10, 0, 0, 0, is_up=True),
+    )
+    return replace(healthy, **changes)
+
+
+def volts(level_cm):
+    return tuple(0.5 * h for h in level_cm)
+
+
+def bench_loop(design=None, references=None, **changes) -> LoopConfig:
+    h1, h2, _, _ = equilibrium(BENCH, (3.0, 3.0))
+    loop = LoopConfig(
+        reconfiguration=reconfiguration(design),
+        detector=NoDetector(),
+        level_filter=LevelFilter(BENCH, lag_s=0.0, filter_s=0.5),
+        references=references or ((0.0, (0.5 * h1, 0.5 * h2)),),
+        reconfigure=True,
+        period_s=PERIOD_S,
+        anti_windup_s=5.0,
+    )
+    return replace(loop, **changes)
+
+
+class Plant:
+    """Eq. (1) by the classical Runge-Kutta rule; the applied voltages follow the commands at once."""
+
+    def __init__(self, model=BENCH, start_V=(3.0, 3.0)):
+        self.model = model
+        self.level_cm = equilibrium(model, start_V)
+        self.effectiveness = (1.0, 1.0)
+
+    def advance(self, applied_V, dt_s):
+        drive = tuple(e * v for e, v in zip(self.effectiveness, applied_V, strict=True))
+
+        def rates(h):
+            return np.array(level_rates(self.model, tuple(np.maximum(h, 0.0)), drive))
+
+        h = np.array(self.level_cm)
+        k1 = rates(h)
+        k2 = rates(h + dt_s / 2.0 * k1)
+        k3 = rates(h + dt_s / 2.0 * k2)
+        k4 = rates(h + dt_s * k3)
+        self.level_cm = tuple(np.maximum(h + dt_s / 6.0 * (k1 + 2 * k2 + 2 * k3 + k4), 0.0).tolist())
+
+
+def run(config: ControllerConfig, plant: Plant, steps: int, faults=None, on_step=None):
+    """Close the loop in process: the records of all steps in control. faults : step number -> effectiveness."""
+    state, applied, records = ControllerState(), (0.0, 0.0), []
+    node = NodeState.READY
+    for number in range(steps):
+        if faults and number in faults:
+            plant.effectiveness = faults[number]
+        now_ns = round(number * config.loop.period_s * SECOND)
+        seen = inputs(volts(plant.level_cm), applied, node)
+        if on_step is not None:
+            seen = on_step(number, seen)
+        state, output = controller.step(config, state, seen, now_ns)
+        if output.record is not None:
+            records.append(output.record)
+        applied = output.command.voltage_V if output.command.enable else (0.0, 0.0)
+        node = NodeState.RUN if output.command.enable else NodeState.READY
+        if state.loop is not None:
+            plant.advance(applied, config.loop.period_s)
+    return state, records
+
+
+def controller_config(loop: LoopConfig | None = None, duration_s=math.inf, limits=LIMITS) -> ControllerConfig:
+    return ControllerConfig(loop or bench_loop(), limits, duration_s)
