@@ -53,7 +53,7 @@ def cell(value_Vs: float | None) -> str:
 
 def deviation(ours_Vs: float | None, paper_Vs: float) -> str:
     """How far a number is from the paper's, in per cent of it."""
-    return "" if ours_Vs is None else f"{100.0 * (ours_Vs / paper_Vs - 1.0):+.1f} %".replace("-", "−")
+    return "" if ours_Vs is None else f"{100.0 * (ours_Vs / paper_Vs - 1.0):+.2f} %".replace("-", "−")
 
 
 def table(*kpis: Kpi) -> Table:
