@@ -22,8 +22,8 @@ from hil.review.report import write_report
 
 SCENARIOS = ("paper_quick", "paper")
 LEGEND = (
-    "reproduced: the paper's gain on its ideal plant, control period 50 ms.",
-    "rig's design: decoupled outputs, 0.1 s, on a rig with pump lag, noise and 12 bit.",
+    "ideal: the paper's gain on its ideal plant, control period 50 ms.",
+    "rig: decoupled outputs, 0.1 s, on a rig with pump lag, noise and 12 bit.",
     "Every level and every command went through CAN frames on a virtual bus.",
 )
 STRATEGIES = {"kept": False, "reconfigured": True}
@@ -63,10 +63,8 @@ def run(console: Console, out: Path, config_dir: Path | None) -> None:
         raise RunFolderError(f"cannot make {folder}: {error.strerror}") from None
     figures = _run_all(console, jobs)
     console.print(_table(figures))
-    console.print(
-        "reproduced: the paper's gain on the ideal plant, 50 ms. rig's design: decoupled outputs, 0.1 s, pump lag,"
-    )
-    console.print("5 mV noise, 12 bit. Every level and command went through CAN frames on a virtual bus.")
+    for line in LEGEND:
+        console.print(line, highlight=False)
     kept, reconfigured = (RunFolder.open(jobs[f"paper_{strategy}"].out) for strategy in STRATEGIES)
     report = write_report(reconfigured, kept)
     console.print(f"Report:    {report}", soft_wrap=True, highlight=False)
@@ -103,7 +101,7 @@ def _table(figures: dict[str, Kpi]) -> Table:
     table = Table(title="Integral of the absolute error [V s]", title_justify="left")
     for name in ("window", "gains"):
         table.add_column(name)
-    for name in ("output", "paper", "reproduced", "off by", "rig's design"):
+    for name in ("output", "paper", "ideal", "off by", "rig"):
         table.add_column(name, justify="right")
     papers = {"kept": table3.PAPER_KEPT_VS, "reconfigured": table3.PAPER_RECONFIGURED_VS}
     for window in table3.TITLES:
