@@ -58,16 +58,25 @@ class LoopState:
 
 
 def begin(config: LoopConfig, inputs: Inputs, now_ns: int) -> LoopState:
-    """Close the loop: integrals at zero, so that the first command is v0 plus the feedback on x."""
+    """Close the loop.
+
+    From pumps at rest the integrals start at zero: the first command is v0 plus the feedback on x, at the pace that
+    the rate limit allows. Running pumps are taken over bumplessly, at the voltages they have.
+    """
     reference = config.references[0][1]
+    law = config.reconfiguration.law(reference, SOUND)
+    applied_V = inputs.pumps.applied_V
+    integral = (0.0, 0.0)
+    if applied_V != (0.0, 0.0):
+        integral = state_feedback.bumpless_integral(law, measured_level_cm(config, inputs), applied_V)
     return LoopState(
         started_ns=now_ns,
         stepped_ns=now_ns,
         reference_V=reference,
-        law=config.reconfiguration.law(reference, SOUND),
+        law=law,
         law_for=(reference, SOUND),
-        integral_Vs=(0.0, 0.0),
-        estimate=estimator.start(config.level_filter, inputs.measurement, inputs.pumps.applied_V),
+        integral_Vs=integral,
+        estimate=estimator.start(config.level_filter, inputs.measurement, applied_V),
         memory=config.detector.start(),
         diagnosis=Diagnosis(),
         iae_Vs=(0.0, 0.0),
