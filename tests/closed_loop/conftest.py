@@ -1,0 +1,34 @@
+"""Runs in worker processes, each made once."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))  # for `loop_story`, in the workers too
+
+from loop_story import Run, Story, simulate
+
+Start = Callable[..., "Future[Run]"]
+
+
+@pytest.fixture(scope="session")
+def start_run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Start]:
+    """start_run(scenario, seed=1) gives the future of a run; two go on at a time."""
+    base = tmp_path_factory.mktemp("closed_loop")
+    with ProcessPoolExecutor(2, get_context("spawn")) as pool:
+        count = 0
+
+        def start(scenario: str | Story, seed: int = 1) -> Future[Run]:
+            nonlocal count
+            count += 1
+            text = scenario.toml() if isinstance(scenario, Story) else scenario
+            return pool.submit(simulate, text, base / f"{count:03}", seed)
+
+        yield start
+        pool.shutdown(cancel_futures=True)
