@@ -39,7 +39,9 @@ OutDir = Annotated[
 ]
 Duration = Annotated[
     Optional[float],
-    typer.Option("--duration", metavar="S", min=0.0, help="Stop after S seconds of the run instead of the scenario's."),
+    typer.Option(
+        "--duration", metavar="S", min=0.0, max=1e7, help="Stop after S seconds of the run instead of the scenario's."
+    ),
 ]
 RerunChoice = Annotated[bool, typer.Option("--rerun/--no-rerun", help="Whether to write run.rrd.")]
 ReportChoice = Annotated[bool, typer.Option("--report/--no-report", help="Whether to write report.html.")]
@@ -50,10 +52,19 @@ def main() -> None:
     from hil.cli.errors import USER_ERRORS
 
     try:
-        app()
+        code = app(standalone_mode=False)
+    except typer.TyperException as error:  # a wrong option or argument
+        code = _complain(str(getattr(error, "format_message", error.__str__)()))
     except USER_ERRORS as error:
-        print(f"hil: {error}", file=sys.stderr)  # noqa: T201 - plain text, never reflowed
-        sys.exit(EXIT_BAD_INPUT)
+        code = _complain(str(error))
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _complain(what: str) -> int:
+    line = " ".join(what.split())
+    if line:  # nothing is left to say when the help was shown instead
+        print(f"hil: {line}", file=sys.stderr)  # noqa: T201 - plain text, never reflowed
+    return EXIT_BAD_INPUT
 
 
 def _version(value: bool) -> None:
@@ -179,13 +190,16 @@ def report(
     ] = None,
 ) -> None:
     """Write a run's key figures and report.html anew, beside another run's if wanted."""
-    from hil.edge.run_folder import RunFolder
+    from hil.edge.run_folder import RunFolder, RunFolderError
     from hil.review import kpi
     from hil.review.report import write_report
 
     first = RunFolder.open(folder)
     second = RunFolder.open(compare) if compare else None
-    for one in (first, second):
-        if one is not None:
-            kpi.compute(one)
-    typer.echo(write_report(first, second))
+    try:
+        for one in (first, second):
+            if one is not None:
+                kpi.compute(one)
+        typer.echo(write_report(first, second))
+    except (OSError, UnicodeDecodeError) as error:
+        raise RunFolderError(f"no report of {folder} can be made: {error}") from None

@@ -10,6 +10,7 @@ from hil.core.closed_loop import LoopConfig
 from hil.core.controller import ControllerConfig
 from hil.core.design import CalibratedDesign, GainDesign, choose_rig_design
 from hil.core.diagnosis import FaultDetector, IdealDetector, NoDetector, PumpFault
+from hil.core.eigenstructure import DesignError
 from hil.core.estimator import LevelFilter
 from hil.core.reconfiguration import Reconfiguration
 from hil.core.supervisor import Limits
@@ -55,7 +56,11 @@ def load(scenario_path: Path, config_dir: Path | None = None) -> Bench:
     scenario = load_scenario(scenario_path)
     rig = load_rig(config / "rig.toml", scenario, scenario_path)
     bench = Bench(scenario, rig, load_contract(config / "bench.dbc"), scenario_path, config)
-    controller_config(bench)
+    try:
+        controller_config(bench)
+    except DesignError as error:
+        where = f"{scenario_path} [rig] over {config / 'rig.toml'}" if scenario.rig else config / "rig.toml"
+        raise SettingsError(f"{where}: control: {error}") from None
     return bench
 
 

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from hil.cli.build import gain_design
 from hil.core.design import CalibratedDesign, RigDesign, closed_loop_poles, noise_gain
-from hil.core.eigenstructure import Eigenstructure, augment
+from hil.core.eigenstructure import DesignError, Eigenstructure, augment
 from hil.core.tanks import Array, LinearModel, equilibrium, linearise, transmission_zeros
 from hil.edge.settings import Rig, SettingsError, default_config_dir, load_rig
 
@@ -27,11 +27,15 @@ class Candidate:
 
 
 def run(console: Console, config_dir: Path | None, out: Path | None) -> None:
-    """Print both designs; write `step.svg` and `sigma.svg` into `out` if given. Raises SettingsError, DesignError."""
-    rig = load_rig((config_dir or default_config_dir()) / "rig.toml")
+    """Print both designs; write `step.svg` and `sigma.svg` into `out` if given. Raises SettingsError."""
+    rig_path = (config_dir or default_config_dir()) / "rig.toml"
+    rig = load_rig(rig_path)
     model = rig.tank_model
     linear = linearise(model, equilibrium(model, rig.control.operating_point_V))
-    candidates = _candidates(rig, linear)
+    try:
+        candidates = _candidates(rig, linear)
+    except DesignError as error:
+        raise SettingsError(f"{rig_path}: control: {error}") from None
     _show_process(console, rig, linear)
     for candidate in candidates:
         _show_gains(console, candidate)

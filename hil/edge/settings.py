@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from hil.core.tanks import TankModel
+from hil.core.tanks import TankModel, equilibrium
 from hil.core.types import Pair
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -21,6 +21,8 @@ LevelVolts = Annotated[float, Field(ge=0.0, le=10.0, allow_inf_nan=False)]
 LevelCm = Annotated[float, Field(ge=0.0, le=20.0, allow_inf_nan=False)]
 Pole = Annotated[float, Field(lt=0.0, ge=-10.0, allow_inf_nan=False)]
 
+LONGEST_S = 1e7
+"""Longest run, 116 days."""
 
 Model = TypeVar("Model", bound="Section")
 
@@ -139,6 +141,18 @@ class Rig(Section):
             )
         return self
 
+    @model_validator(mode="after")
+    def _starts_within_the_tanks(self) -> Self:
+        levels_cm = equilibrium(self.tank_model, self.control.operating_point_V)
+        highest_cm = self.safety.level_max_cm
+        if not all(0.0 < level_cm < highest_cm for level_cm in levels_cm):
+            shown = ", ".join(f"{level_cm:.4g}" for level_cm in levels_cm)
+            raise ValueError(
+                f"control.operating_point_V {list(self.control.operating_point_V)} holds levels of {shown} cm, "
+                f"want all of them within 0..{highest_cm:g} cm (safety.level_max_cm)"
+            )
+        return self
+
     @property
     def tank_model(self) -> TankModel:
         """The numbers of eq. (1)."""
@@ -157,7 +171,7 @@ class About(Section):
     """Name and length of a scenario."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
-    duration_s: Positive
+    duration_s: Annotated[float, Field(gt=0.0, le=LONGEST_S, allow_inf_nan=False)]
 
 
 class Reference(Section):
@@ -293,11 +307,12 @@ def _validated(model: type[Model], data: dict[str, Any], where: str) -> Model:
         if first["type"] == "extra_forbidden":
             message = "unknown key"
         shown = "" if first["type"] == "missing" or isinstance(first["input"], dict) else f" = {first['input']!r}"
-        raise SettingsError(f"{where}: {key}{shown}: {message}{more}") from None
+        subject = f"{key}{shown}: " if key else ""
+        raise SettingsError(f"{where}: {subject}{message}{more}") from None
 
 
 def _key(location: tuple[int | str, ...]) -> str:
     key = ""
     for part in location:
         key += f"[{part}]" if isinstance(part, int) else f".{part}" if key else part
-    return key or "file"
+    return key
