@@ -70,7 +70,7 @@ class CommandSender:
         self._echoed = match
         if self._base is not None:
             missing = (match.number - self._base[0] - (accepted - self._base[1])) % 256
-            if missing < 128:  # else the node has counted more than was sent: it began anew
+            if missing < 128:  # else it counted more than was sent: the echo was one of an earlier run
                 self.lost += missing
         self._base = match.number, accepted
         return match

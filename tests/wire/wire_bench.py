@@ -1,0 +1,71 @@
+"""Helpers of the wire's tests: the DBC by cantools, frames with counter and CRC that owe nothing to hil."""
+
+import tomllib
+from pathlib import Path
+
+import cantools
+from can import Message
+from crccheck.crc import Crc8Autosar
+
+from hil.core.types import Command
+from hil.wire.commands import CommandSender
+from hil.wire.contract import Contract
+from hil.wire.receiver import Receiver
+
+ROOT = Path(__file__).resolve().parents[2]
+DBC = (ROOT / "config/bench.dbc").read_text()
+GOLDEN = tomllib.loads((ROOT / "tests/golden/frames.toml").read_text())["frame"]
+DATABASE = cantools.database.load_string(DBC, database_format="dbc")
+CONTRACT = Contract.from_dbc(DBC)
+NAMES = tuple(CONTRACT.frames)
+MS = 1_000_000
+NODE_FRAMES = ("PumpStatus", "LowerLevels", "UpperLevels", "PumpHeartbeat", "LevelHeartbeat")
+
+DEFAULTS = {
+    "PumpCommand": {"Command1": 3.0, "Command2": 4.0, "Enable": 1, "ClearTrip": 0},
+    "PumpStatus": {"Applied1": 3.0, "Applied2": 4.0, "State": 2, "TripCause": 0, "Echo": 0, "Accepted": 1},
+    "LowerLevels": {"Level1": 6.0, "Level2": 6.4, "Status1": 0, "Status2": 0},
+    "UpperLevels": {"Level3": 0.8, "Level4": 0.7, "Status3": 0, "Status4": 0},
+    "PumpHeartbeat": {"State": 2, "BootCount": 1, "Contract": CONTRACT.fingerprint},
+    "LevelHeartbeat": {"State": 2, "BootCount": 5, "Contract": CONTRACT.fingerprint},
+}
+
+
+def sealed(name, payload):
+    """Payload (the CRC's byte left out) with its CRC, by the description in the DBC."""
+    data_id = DATABASE.get_message_by_name(name).dbc.attributes["DataId"].value
+    return payload + bytes([Crc8Autosar.calc(data_id.to_bytes(2, "little") + payload)])
+
+
+def payload_of(name, counter=0, **values):
+    data = DATABASE.encode_message(name, DEFAULTS[name] | {"Counter": counter, "Crc": 0} | values, strict=False)
+    return sealed(name, data[:-1])
+
+
+def message(can_id, data, **kind):
+    return Message(arbitration_id=can_id, data=data, **({"is_extended_id": False} | kind))
+
+
+def frame(name, counter=0, **values):
+    return message(DATABASE.get_message_by_name(name).frame_id, payload_of(name, counter, **values))
+
+
+def receiver(sensor_range_V=(0.0, 10.24)):
+    sender = CommandSender(CONTRACT)
+    return Receiver(CONTRACT, sender, sensor_range_V), sender
+
+
+def seen(receiver_, now_ns=0):
+    """All that a control step would get to see; asking for it begins a new mean, so the receiver is done with."""
+    return (
+        receiver_.measurement(now_ns),
+        receiver_.pumps(now_ns),
+        receiver_.nodes(now_ns),
+        receiver_.foreign_commands,
+        receiver_.accepted,
+        receiver_.lost,
+    )
+
+
+def go(v1=3.0, v2=4.0, *, enable=True):
+    return Command((v1, v2), enable)
