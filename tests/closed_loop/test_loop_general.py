@@ -99,11 +99,11 @@ def runs(start_run) -> dict[str, Future[Run]]:
 
 @pytest.mark.parametrize("story", STORIES, ids=lambda story: story.name)
 def test_a_run_agrees_with_the_loop_in_continuous_time(runs, story):
-    """1 % and 2 mV s, at a control period of 20 ms."""
+    """Half a per cent, or 2 mV s where there is next to nothing, at a control period of 20 ms."""
     run = runs[story.name].result()
     assert run.kpi.status == "complete"
     for window, expected in Reference(story, plant_of(story)).window_iae().items():
-        assert run.kpi.iae_Vs[window] == pytest.approx(expected, rel=0.01, abs=0.002), window
+        assert run.kpi.iae_Vs[window] == pytest.approx(expected, rel=0.005, abs=0.002), window
 
 
 def test_an_unreachable_reference_is_said_to_be_one(runs):

@@ -47,12 +47,13 @@ def test_the_rigs_design_settles_with_gains_kept(runs, pump):
 
 @pytest.mark.parametrize("pump", [1, 2])
 def test_the_other_output_hardly_notices(runs, pump):
-    error = np.abs(errors_V(runs["rig", pump].result()))
+    run = runs["rig", pump].result()
+    error = np.abs(errors_V(run))[run.columns["t_s"] < 240.0]
     assert error[:, 2 - pump].max() < 0.02 * error[:, pump - 1].max()
 
 
 def test_the_calibrated_design_loses_pump_1_and_the_supervisor_stops_it(runs):
-    """Errors grow until tank 2 is about to overflow, 16 s after the loss; the high-level interlock takes both to 0 V."""
+    """Errors grow until tank 2 is about to overflow, 16 s after the loss; the interlock takes both pumps to 0 V."""
     run = runs["calibrated", 1].result()
     assert run.kpi.status == "tripped"
     assert [trip["cause"] for trip in run.kpi.trips] == ["high_level"]
