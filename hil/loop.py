@@ -120,8 +120,7 @@ class ControlLoop:
             data = self._sender.encode(output.command, now_ns)
         self._send(data, now_ns)
         self._record(output)
-        if self._on_tick is not None:
-            self._on_tick(inputs, output, self._state.supervision.mode)
+        self._show(inputs, output)
         self._settle(inputs, now_ns, stop_reason)
 
     def make_safe(self, now_ns: int) -> None:
@@ -157,6 +156,16 @@ class ControlLoop:
             return
         for event in output.events:
             self._recorder.event(self._t_s, event)
+
+    def _show(self, inputs: Inputs, output: Output) -> None:
+        """Let the watcher see the step; one that fails is left behind, the run goes on."""
+        if self._on_tick is None:
+            return
+        try:
+            self._on_tick(inputs, output, self._state.supervision.mode)
+        except Exception as error:  # noqa: BLE001 - whatever a display raises is no reason to stop pumps
+            self._on_tick = None
+            self._recorder.event(self._t_s, Event(Severity.WARNING, "watcher_failed", f"no more display: {error}"))
 
     def _settle(self, inputs: Inputs, now_ns: int, stop_reason: str) -> None:
         """Decide whether the run is over."""

@@ -14,7 +14,7 @@ from hil import __version__
 
 EXIT_BAD_INPUT = 2
 EXIT_CODES = {"complete": 0, "stopped": 0, "tripped": 3, "failed": 4}
-SIGNAL_EXIT_CODES = {"SIGINT": 130, "SIGTERM": 143}
+SIGNAL_EXIT_CODES = {"SIGHUP": 129, "SIGINT": 130, "SIGTERM": 143}
 
 app = typer.Typer(
     name="hil",
@@ -141,8 +141,8 @@ def run(
     folder = out or experiment.default_folder(bench.scenario.scenario.name, datetime.now())
     options = experiment.Options(folder, duration_s=duration, rerun=rerun, clear_trip=clear_trip)
     console = Console()
-    with show.live_status(console) as watch:
-        figures, outcome = experiment.run_live(bench, options, address, watch)
+    with show.LiveStatus(console) as status:
+        figures, outcome = experiment.run_live(bench, options, address, status.watch)
     show.finish(console, folder, figures, with_report=report)
     raise typer.Exit(SIGNAL_EXIT_CODES.get(outcome.reason.partition(";")[0], EXIT_CODES[outcome.status]))
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -43,27 +45,49 @@ def progress(console: Console, bench: Bench, duration_s: float | None = None) ->
         yield advance
 
 
-@contextmanager
-def live_status(console: Console) -> Iterator[Callable[[Inputs, Output, Mode], None]]:
-    """A table that follows the run on a terminal; one line a change of mode elsewhere. Yields the loop's watcher."""
-    shown_at = -REFRESH_S
-    shown_mode: Mode | None = None
-    with Live(console=console, auto_refresh=False, transient=True) as live:
+class LiveStatus:
+    """A table that follows the run on a terminal; events and changes of mode as lines anywhere.
 
-        def watch(inputs: Inputs, output: Output, mode: Mode) -> None:
-            nonlocal shown_at, shown_mode
-            for event in output.events:
-                if event.code != "mode":
-                    console.print(f"{event.severity.value:5} {event.text}", highlight=False)
-            if mode is not shown_mode:
-                console.print(f"      {mode.name}", highlight=False)
-                shown_mode = mode
-            now = time.monotonic()
-            if console.is_terminal and now - shown_at >= REFRESH_S:
-                shown_at = now
-                live.update(status_table(inputs, output, mode), refresh=True)
+    `watch` only takes note; a thread of its own draws, so that a terminal that is held up holds up nothing else.
+    """
 
-        yield watch
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._lines: deque[str] = deque(maxlen=1000)
+        self._latest: tuple[Inputs, Output, Mode] | None = None
+        self._mode: Mode | None = None
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._work, name="display", daemon=True)
+
+    def __enter__(self) -> LiveStatus:
+        """Start to draw."""
+        self._thread.start()
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        """Draw what is left; a terminal that takes nothing is left behind."""
+        self._stop.set()
+        self._thread.join(timeout=1.0)
+
+    def watch(self, inputs: Inputs, output: Output, mode: Mode) -> None:
+        """Take note of a step."""
+        self._lines.extend(f"{e.severity.value:5} {e.text}" for e in output.events if e.code != "mode")
+        if mode is not self._mode:
+            self._mode = mode
+            self._lines.append(f"      {mode.name}")
+        self._latest = (inputs, output, mode)
+
+    def _work(self) -> None:
+        with Live(console=self._console, auto_refresh=False, transient=True) as live:
+            while not self._stop.wait(REFRESH_S):
+                self._draw(live)
+            self._draw(live)
+
+    def _draw(self, live: Live) -> None:
+        while self._lines:
+            self._console.print(self._lines.popleft(), highlight=False, markup=False)
+        if self._console.is_terminal and self._latest is not None:
+            live.update(status_table(*self._latest), refresh=True)
 
 
 def status_table(inputs: Inputs, output: Output, mode: Mode) -> Table:

@@ -22,7 +22,7 @@ class MonotonicClock:
 
 
 class StopSignal:
-    """SIGINT and SIGTERM ask for an orderly stop; a second one raises KeyboardInterrupt. Use as a context."""
+    """SIGINT, SIGTERM and SIGHUP ask for an orderly stop; a second one raises KeyboardInterrupt. Use as a context."""
 
     def __init__(self) -> None:
         self.received: signal.Signals | None = None
@@ -30,7 +30,7 @@ class StopSignal:
 
     def __enter__(self) -> StopSignal:
         """Take the signals over."""
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             self._previous[number] = signal.signal(number, self._handle)
         return self
 
