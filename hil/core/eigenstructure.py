@@ -85,13 +85,15 @@ def assign(A: ArrayLike, B: ArrayLike, poles: ArrayLike, parameters: ArrayLike) 
         norms = np.sqrt(np.add.reduce((V * V.conj()).real if poles.dtype.kind == "c" else V * V))
         V, W = V / norms, W / norms
     basis, image = (V, W) if poles.dtype.kind == "f" else (_real_basis(V, poles), _real_basis(W, poles))
-    lu, pivots, info = lapack.dgetrf(basis)
-    # sqrt(n) bounds the 1-norm of a matrix with unit columns; a NaN fails the comparison too
-    well_conditioned = info == 0 and lapack.dgecon(lu, n**0.5)[0] > SMALLEST_RCOND
+    # V^T K^T = W^T. One dgesv, not dgetrf and dgetrs: OpenBLAS hands dgetrs of any size to its threads, and on a busy
+    # machine their wake-up takes milliseconds.
+    lu, _, transposed, info = lapack.dgesv(basis.T, image.T)
+    # sqrt(n) bounds the 1-norm of a matrix with unit columns, which is the infinity norm of what was factored;
+    # a NaN fails the comparison too
+    well_conditioned = info == 0 and lapack.dgecon(lu, n**0.5, norm="I")[0] > SMALLEST_RCOND
     if not well_conditioned:
         raise DesignError(_why_singular(A, B, poles, W))
-    K = lapack.dgetrs(lu, pivots, image.T, trans=1)[0].T
-    return Eigenstructure(A, B, poles, K, V, W)
+    return Eigenstructure(A, B, poles, transposed.T, V, W)
 
 
 def augment(linear: LinearModel) -> tuple[Array, Array]:
