@@ -16,16 +16,10 @@ from hil.core.reconfiguration import Reconfiguration
 from hil.core.supervisor import Limits
 from hil.core.tanks import TankModel, equilibrium, linearise
 from hil.core.types import Pair
+from hil.edge.rig_file import Rig, load_rig
 from hil.edge.run_folder import RunPlan, Window
-from hil.edge.settings import (
-    Fault,
-    Rig,
-    Scenario,
-    SettingsError,
-    default_config_dir,
-    load_rig,
-    load_scenario,
-)
+from hil.edge.scenario_file import Fault, Scenario, load_scenario
+from hil.edge.settings import SettingsError, default_config_dir
 from hil.wire.contract import Contract, ContractError
 
 

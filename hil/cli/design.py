@@ -13,7 +13,8 @@ from hil.cli.build import gain_design
 from hil.core.design import CalibratedDesign, RigDesign, closed_loop_poles, noise_gain
 from hil.core.eigenstructure import DesignError, Eigenstructure, augment
 from hil.core.tanks import Array, LinearModel, equilibrium, linearise, transmission_zeros
-from hil.edge.settings import Rig, SettingsError, default_config_dir, load_rig
+from hil.edge.rig_file import Rig, load_rig
+from hil.edge.settings import SettingsError, default_config_dir
 
 LOSSES = {"both sound": (1.0, 1.0), "pump 1 -60 %": (0.4, 1.0), "pump 2 -60 %": (1.0, 0.4), "both -60 %": (0.4, 0.4)}
 
