@@ -1,0 +1,348 @@
+"""The loop between a port and a recorder: whatever goes wrong, the same tick sends 0 V."""
+
+import math
+from dataclasses import replace
+
+import pytest
+from safety_bench import (
+    CONTRACT,
+    LIMITS,
+    MS,
+    PERIOD_NS,
+    REST_V,
+    START_NS,
+    LoopBench,
+    config,
+    raw_command,
+)
+
+from firmware_sim import wire as node
+from hil.core import controller
+from hil.core.diagnosis import NoDetector
+from hil.core.types import Mode, Timing, TripCause
+
+
+class Saboteur(NoDetector):
+    """A detector that raises, or that reports an impossible effectiveness, once armed."""
+
+    def __init__(self, damage):
+        self.damage = damage
+        self.armed = False
+
+    def step(self, memory, t_s, measurement, estimate, applied_V):
+        memory, diagnosis = super().step(memory, t_s, measurement, estimate, applied_V)
+        return memory, self.damage(diagnosis) if self.armed else diagnosis
+
+
+def raises(error):
+    def damage(_diagnosis):
+        raise error
+
+    return damage
+
+
+def saboteur_bench(damage):
+    saboteur = Saboteur(damage)
+    bench = LoopBench(config(detector=saboteur)).run()
+    saboteur.armed = True
+    return bench
+
+
+def assert_off(command):
+    assert command.voltage_V == (0.0, 0.0)
+    assert not command.enable
+    assert not command.clear
+
+
+def test_the_pumps_are_enabled_only_after_two_healthy_steps():
+    bench = LoopBench()
+    bench.step()
+    assert bench.mode is Mode.READY
+    bench.step()
+    assert bench.mode is Mode.RUNNING
+    assert [c.enable for c in bench.port.sent] == [False, True]
+    assert bench.port.sent[1].voltage_V == pytest.approx((2.0, 2.0), abs=1e-3)
+
+
+def test_every_tick_sends_one_command_and_records_it():
+    bench = LoopBench().run()
+    assert [c.at_ns for c in bench.port.sent] == [START_NS + n * PERIOD_NS for n in range(8)]
+    assert [c.counter for c in bench.port.sent] == list(range(8))
+    sent = [f for f in bench.recorder.frames if not f[3]]
+    received = [f for f in bench.recorder.frames if f[3]]
+    assert len(sent) == 8
+    assert len(received) == 8 * 5
+    assert {f[1] for f in sent} == {CONTRACT.frames["PumpCommand"].frame_id}
+    assert received[0][0] == pytest.approx(0.995)
+    assert len(bench.recorder.ticks) == 7
+    assert bench.codes() == ["mode", "mode"]
+
+
+@pytest.mark.parametrize(
+    "error", [RuntimeError("a bug"), ZeroDivisionError("division"), KeyError("x"), MemoryError(), RecursionError()]
+)
+def test_whatever_a_step_raises_the_same_tick_sends_0_volts(error):
+    bench = saboteur_bench(raises(error))
+    bench.step()
+    assert bench.last.at_ns == bench.now_ns
+    assert_off(bench.last)
+    assert bench.mode is Mode.TRIPPED
+    assert bench.cause is TripCause.CONTROLLER_FAILED
+    t_s, event = bench.recorder.events[-1]
+    assert event.code == "trip"
+    assert type(error).__name__ in event.text
+    assert t_s == pytest.approx(bench.recorder.ticks[-1].t_s)
+    bench.step(5)
+    for command in bench.port.sent[-5:]:
+        assert_off(command)
+    assert bench.codes().count("trip") == 1
+    assert bench.cause is TripCause.CONTROLLER_FAILED
+
+
+@pytest.mark.parametrize("nonsense", [math.nan, math.inf, -math.inf])
+def test_a_law_that_asks_for_no_number_trips_in_the_same_tick(nonsense, monkeypatch):
+    bench = LoopBench().run()
+    original = controller.closed_loop.step
+
+    def broken(*arguments):
+        loop, events = original(*arguments)
+        return replace(loop, raw_V=(3.0, nonsense)), events
+
+    monkeypatch.setattr(controller.closed_loop, "step", broken)
+    bench.step()
+    assert bench.last.at_ns == bench.now_ns
+    assert_off(bench.last)
+    assert bench.cause is TripCause.CONTROLLER_FAILED
+    assert "the control law asked for" in bench.recorder.events[-1][1].text
+
+
+def test_an_impossible_diagnosis_trips():
+    bench = saboteur_bench(lambda diagnosis: replace(diagnosis, effectiveness=(math.nan, 1.0)))
+    bench.step()
+    assert_off(bench.last)
+    assert bench.mode is Mode.TRIPPED
+    assert bench.cause is TripCause.CONTROLLER_FAILED
+
+
+def test_a_command_that_can_not_be_encoded_trips():
+    """Limits wider than the wire's range, say: the encoder is the last to refuse."""
+    bench = LoopBench(replace(config(), limits=replace(LIMITS, range_V=(0.0, 12.0), rate_V_s=1e6)))
+    bench.step(3)
+    bench.levels_V = (1.0, 1.0, 0.1, 0.1)
+    bench.step(2)
+    assert_off(bench.last)
+    assert bench.cause is TripCause.CONTROLLER_FAILED
+    assert [c.counter for c in bench.port.sent] == list(range(len(bench.port.sent)))
+
+
+def test_the_first_cause_stays_when_more_goes_wrong():
+    bench = LoopBench().run()
+    bench.loop.receive(raw_command(9.0, 9.0), bench.now_ns + MS)
+    bench.step()
+    assert_off(bench.last)
+    assert bench.cause is TripCause.FOREIGN_COMMAND
+    bench.levels_V = (9.9,) * 4
+    bench.boots["pumps"] = 2
+    bench.step(3)
+    assert bench.cause is TripCause.FOREIGN_COMMAND
+    assert bench.codes().count("trip") == 1
+
+
+def trip_causes():
+    def reboot(bench):
+        bench.boots["levels"] += 1
+
+    def wrong_contract(bench):
+        bench.contract ^= 1
+
+    def node_tripped(bench):
+        bench.node_tripped = True
+
+    def high(bench):
+        bench.levels_V = (*REST_V[:3], 9.6)
+
+    def invalid(bench):
+        bench.statuses = (node.ChannelStatus.OK, node.ChannelStatus(3), node.ChannelStatus.OK, node.ChannelStatus.OK)
+
+    def bus(bench):
+        bench.port.is_up = False
+
+    return [
+        (reboot, TripCause.NODE_REBOOTED),
+        (wrong_contract, TripCause.WRONG_CONTRACT),
+        (node_tripped, TripCause.NODE_TRIPPED),
+        (high, TripCause.HIGH_LEVEL),
+        (invalid, TripCause.INVALID_LEVELS),
+        (bus, TripCause.BUS_FAILED),
+    ]
+
+
+@pytest.mark.parametrize(("damage", "cause"), trip_causes(), ids=lambda value: getattr(value, "__name__", str(value)))
+def test_what_a_frame_says_trips_in_the_tick_that_reads_it(damage, cause):
+    bench = LoopBench().run()
+    damage(bench)
+    bench.step()
+    assert_off(bench.last)
+    assert bench.mode is Mode.TRIPPED
+    assert bench.cause is cause
+
+
+@pytest.mark.parametrize(
+    ("silent", "cause", "limit_s"),
+    [
+        ("LowerLevels", TripCause.STALE_LEVELS, 0.3),
+        ("UpperLevels", TripCause.STALE_LEVELS, 0.3),
+        ("PumpStatus", TripCause.STALE_STATUS, 0.3),
+        ("PumpHeartbeat", TripCause.NODE_LOST, 0.25),
+        ("LevelHeartbeat", TripCause.NODE_LOST, 0.25),
+    ],
+)
+def test_silence_trips_within_its_age_and_a_period(silent, cause, limit_s):
+    bench = LoopBench().run()
+    heard_ns = bench.now_ns - 5 * MS
+    bench.silent = {silent}
+    while bench.mode is Mode.RUNNING:
+        bench.step()
+    assert bench.cause is cause
+    assert_off(bench.last)
+    silence_s = (bench.now_ns - heard_ns) * 1e-9
+    assert limit_s < silence_s <= limit_s + PERIOD_NS * 1e-9
+
+
+def test_commands_that_are_not_echoed_trip_within_half_a_second():
+    bench = LoopBench().run()
+    bench.confirms = False
+    settled_ns = bench.now_ns
+    while bench.mode is Mode.RUNNING:
+        bench.step()
+    assert bench.cause is TripCause.ECHO_MISSING
+    assert 0.5 < (bench.now_ns - settled_ns) * 1e-9 <= 0.7
+    assert_off(bench.last)
+
+
+def test_unknown_levels_never_start_the_pumps():
+    bench = LoopBench()
+    bench.silent = {"UpperLevels"}
+    bench.step(8)
+    assert bench.mode is Mode.DISARMED
+    assert not any(c.enable for c in bench.port.sent)
+    assert all(c.voltage_V == (0.0, 0.0) for c in bench.port.sent)
+
+
+@pytest.mark.parametrize("channel", range(4))
+def test_invalid_levels_never_start_the_pumps(channel):
+    bench = LoopBench()
+    bench.statuses = tuple(node.ChannelStatus(1 if i == channel else 0) for i in range(4))
+    bench.step(8)
+    assert bench.mode is Mode.DISARMED
+    assert not any(c.enable for c in bench.port.sent)
+
+
+def test_a_rig_that_never_becomes_ready_ends_the_run_with_the_reason():
+    bench = LoopBench(arm_timeout_s=0.5)
+    bench.node_tripped = True
+    bench.step(6)
+    assert bench.loop.outcome is None
+    bench.step()
+    assert bench.loop.outcome.status == "failed"
+    assert bench.loop.outcome.reason == "not ready within 0.5 s: the pump node has tripped"
+    assert bench.recorder.events[-1][1].code == "not_ready"
+    assert not any(c.enable or c.clear for c in bench.port.sent)
+
+
+def test_a_latched_node_is_cleared_only_on_request_and_only_while_disarmed():
+    bench = LoopBench(clear_trip=True)
+    bench.node_tripped = True
+    bench.step(3)
+    assert [c.clear for c in bench.port.sent] == [True] * 3
+    assert all(not c.enable and c.voltage_V == (0.0, 0.0) for c in bench.port.sent)
+    bench.node_tripped = False
+    bench.step(8)
+    assert bench.mode is Mode.RUNNING
+    bench.node_tripped = True
+    bench.step(3)
+    assert bench.mode is Mode.TRIPPED
+    assert not any(c.clear for c in bench.port.sent[-3:])
+
+
+def test_a_trip_ends_the_run_once_the_node_confirms_0_volts():
+    bench = LoopBench().run()
+    bench.levels_V = (*REST_V[:3], 9.6)
+    bench.step()
+    assert bench.loop.outcome is None
+    while bench.loop.outcome is None:
+        bench.step()
+    outcome = bench.loop.outcome
+    assert (outcome.status, outcome.reason) == ("tripped", "high_level")
+    assert outcome.t_s == pytest.approx(bench.recorder.ticks[-1].t_s)
+    assert outcome.commands_sent == len(bench.port.sent)
+    assert outcome.commands_lost == 0
+    assert outcome.frames_lost == 0
+
+
+def test_a_node_that_never_confirms_is_named_in_the_outcome():
+    bench = LoopBench().run()
+    bench.silent = {"PumpStatus"}
+    first = len(bench.port.sent)
+    while bench.loop.outcome is None:
+        bench.step()
+    assert bench.loop.outcome.reason == "stale_status; the pump node has not confirmed 0 V"
+    assert len(bench.port.sent) - first < 20
+
+
+def test_a_stop_ramps_down_and_waits_for_0_volts():
+    bench = LoopBench().run()
+    running_V = bench.last.voltage_V
+    while bench.loop.outcome is None:
+        bench.step(stop_reason="SIGTERM")
+    assert (bench.loop.outcome.status, bench.loop.outcome.reason) == ("stopped", "SIGTERM")
+    ramp = [c for c in bench.port.sent if c.at_ns > START_NS + 7 * PERIOD_NS and c.enable]
+    assert [c.voltage_V[0] for c in ramp] == pytest.approx([running_V[0] - 1.0, running_V[0] - 2.0], abs=1e-3)
+    assert_off(bench.last)
+
+
+def test_a_stop_before_the_start_ends_at_once():
+    bench = LoopBench()
+    bench.silent = {"LowerLevels"}
+    bench.step(2)
+    bench.step(stop_reason="Ctrl-C")
+    assert (bench.loop.outcome.status, bench.loop.outcome.reason) == ("stopped", "Ctrl-C")
+    assert not any(c.enable for c in bench.port.sent)
+
+
+def test_a_run_that_is_over_is_complete():
+    bench = LoopBench(replace(config(), duration_s=0.5))
+    while bench.loop.outcome is None:
+        bench.step()
+    assert (bench.loop.outcome.status, bench.loop.outcome.reason) == ("complete", "duration over")
+    assert_off(bench.last)
+
+
+def test_make_safe_sends_0_volts_whatever_happened_before():
+    bench = LoopBench().run()
+    bench.loop.make_safe(bench.now_ns + MS)
+    assert_off(bench.last)
+    assert bench.last.at_ns == bench.now_ns + MS
+    early = LoopBench()
+    early.loop.make_safe(0)
+    assert_off(early.last)
+
+
+def test_frames_that_did_not_go_out_are_not_recorded():
+    bench = LoopBench()
+    bench.port.is_up = False
+    bench.step(3)
+    assert not [f for f in bench.recorder.frames if not f[3]]
+    assert len(bench.port.sent) == 3
+    assert bench.mode is Mode.DISARMED
+
+
+def test_watcher_and_true_levels_see_every_step():
+    watched = []
+    bench = LoopBench(
+        true_level_cm=lambda: (1.0, 2.0, 3.0, 4.0), on_tick=lambda inputs, _output, mode: watched.append((inputs, mode))
+    ).run()
+    bench.step(timing=Timing(0.004, 2))
+    assert [mode for _, mode in watched] == [Mode.READY] + [Mode.RUNNING] * 8
+    assert watched[-1][0].timing == Timing(0.004, 2)
+    assert bench.recorder.true_levels == [(1.0, 2.0, 3.0, 4.0)] * 8
