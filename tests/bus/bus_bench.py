@@ -1,0 +1,170 @@
+"""Far ends of a bus: a second node on a virtual bus, the emulator's slcan adapter, a raw adapter that may misbehave."""
+
+import os
+import select
+import socket
+import threading
+import time
+from contextlib import contextmanager, suppress
+
+import can
+
+from firmware_sim.links import SlcanLink, listen, open_pty
+from firmware_sim.slcan import Channel
+from hil.edge.bus import BusAddress, BusPort
+
+IDS = (0x201, 0x181, 0x182, 0x282, 0x701, 0x702)
+LEVELS_ID, STATUS_ID, COMMAND_ID, FOREIGN_ID = 0x182, 0x181, 0x201, 0x333
+BITRATE = 500_000
+
+
+def frame(can_id=LEVELS_ID, data=b"\x01\x02\x03\x04\x05\x06\x07", **kind):
+    return can.Message(arbitration_id=can_id, data=data, **({"is_extended_id": False} | kind))
+
+
+def line(can_id=LEVELS_ID, data=b"\x01\x02\x03\x04\x05\x06\x07"):
+    """A data frame as an slcan adapter says it."""
+    return f"t{can_id:03X}{len(data)}{data.hex().upper()}\r".encode()
+
+
+def filters_for(ids):
+    return [{"can_id": can_id, "can_mask": 0x7FF, "extended": False} for can_id in ids]
+
+
+def next_frame(port, timeout_s=2.0):
+    """The next frame, however many calls it takes; None when there is none in time or the link is gone."""
+    end_s = time.monotonic() + timeout_s
+    while port.is_up and time.monotonic() < end_s:
+        message = port.receive(0.02)
+        if message is not None:
+            return message
+    return None
+
+
+def wait_for(condition, timeout_s=5.0):
+    end_s = time.monotonic() + timeout_s
+    while not (result := condition()):
+        assert time.monotonic() < end_s, "did not happen in time"
+        time.sleep(0.002)
+    return result
+
+
+class VirtualFar:
+    """A second node on a virtual bus."""
+
+    def __init__(self, channel):
+        self._bus = can.Bus(interface="virtual", channel=channel, ignore_config=True)
+        self.port = BusPort(BusAddress("virtual", channel, BITRATE).open(IDS))
+
+    def send(self, *frames):
+        for one in frames:
+            self._bus.send(one)
+
+    def received(self, count):
+        frames = [self._bus.recv(1.0) for _ in range(count)]
+        assert self._bus.recv(0) is None
+        return frames
+
+    def vanish(self):
+        self.port._bus.shutdown()  # a virtual bus has no cable: its own end is closed
+
+    def close(self):
+        self.port.close()
+        self._bus.shutdown()
+
+
+class SlcanFar:
+    """The emulator's slcan adapter behind a descriptor, served in a thread."""
+
+    def __init__(self, fd, bus, *owned):
+        self.port = BusPort(bus)
+        self._owned = owned
+        self._link = SlcanLink(fd)
+        self._lock = threading.Lock()
+        self._frames = []
+        self._is_over = False
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+        wait_for(lambda: self._link.port.channel is Channel.OPEN)
+
+    @classmethod
+    def on_tcp(cls):
+        with listen(0) as listener:
+            channel = f"socket://127.0.0.1:{listener.getsockname()[1]}"
+            bus = BusAddress("slcan", channel, BITRATE).open(IDS)
+            listener.setblocking(True)
+            client, _ = listener.accept()
+        return cls(client.fileno(), bus, client.close)
+
+    @classmethod
+    def on_pty(cls):
+        """Opened as BusAddress does, only without the two seconds that real adapters are given to boot."""
+        master, path = open_pty()
+        bus = can.Bus(
+            path, "slcan", bitrate=BITRATE, can_filters=filters_for(IDS), sleep_after_open=0, ignore_config=True
+        )
+        return cls(master, bus, lambda: os.close(master))
+
+    def send(self, *frames):
+        with self._lock:
+            for one in frames:
+                self._link.send(one)
+
+    def received(self, count):
+        wait_for(lambda: len(self._frames) >= count)
+        time.sleep(0.02)
+        return list(self._frames)
+
+    def vanish(self):
+        self._is_over = True
+        self._thread.join()
+        for let_go in self._owned:
+            let_go()
+        self._owned = ()
+
+    def close(self):
+        self.port.close()
+        self.vanish()
+
+    def _serve(self):
+        while not self._is_over:
+            select.select([self._link.fd], [], [], 0.002)
+            with self._lock:
+                self._frames += self._link.read() or []
+                self._link.flush()
+
+
+class RawAdapter:
+    """A TCP end of an slcan line that says what it is told to, and reads only when asked."""
+
+    def __init__(self, receive_buffer=None):
+        self._listener = socket.socket()
+        if receive_buffer is not None:
+            self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
+        self._listener.bind(("127.0.0.1", 0))
+        self._listener.listen(1)
+        self.channel = f"socket://127.0.0.1:{self._listener.getsockname()[1]}"
+        self.port = BusPort(BusAddress("slcan", self.channel, BITRATE).open(IDS))  # the kernel accepts for us
+        self.client, _ = self._listener.accept()
+
+    def say(self, data):
+        self.client.sendall(data)
+
+    def heard(self):
+        self.client.setblocking(False)
+        with suppress(BlockingIOError):
+            return self.client.recv(1 << 20)
+        return b""
+
+    def close(self):
+        self.client.close()
+        self._listener.close()
+        self.port.close()
+
+
+@contextmanager
+def closing(far):
+    try:
+        yield far
+    finally:
+        far.close()
