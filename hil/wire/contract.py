@@ -153,6 +153,8 @@ def _spec(database: Database, name: str) -> FrameSpec:
 def _layout(frame: str, signal: Signal) -> SignalLayout:
     if signal.byte_order != "little_endian" or signal.is_signed or signal.is_float or signal.offset != 0:
         raise ContractError(f"signal {signal.name} of {frame} must be little-endian, unsigned and without offset")
+    if signal.start < 0:
+        raise ContractError(f"signal {signal.name} of {frame} must start at bit 0 or later")
     if signal.scale <= 0:
         raise ContractError(f"signal {signal.name} of {frame} must have a scale above 0")
     if signal.minimum not in (None, 0):
