@@ -377,3 +377,18 @@ def test_records_go_on_after_a_trip_with_the_pumps_off():
     assert all(r.command_V == (0.0, 0.0) for r in tripped)
     assert state.supervision.cause is TripCause.HIGH_LEVEL
     assert [e.code for r in tripped for e in r.events] == ["trip"]
+
+
+def test_running_pumps_are_taken_over_at_the_voltages_they_have():
+    """A bench that already runs when the loop closes feels no bump; one at rest starts with empty integrals."""
+    started = ControllerState()
+    away = tuple(y + 0.2 for y in volts(REST))
+    for applied_V, expected in (((4.0, 2.0), (4.0, 2.0)), ((0.0, 0.0), None)):
+        seen = inputs(away, applied_V, NodeState.READY)
+        state, _ = controller.step(controller_config(), started, seen, 0)
+        state, output = controller.step(controller_config(), state, seen, SECOND // 10)
+        if expected is None:
+            assert output.record.integral_Vs == (0.0, 0.0)
+            assert output.record.raw_V != pytest.approx((0.0, 0.0), abs=0.5)
+        else:
+            assert output.record.raw_V == pytest.approx(expected)

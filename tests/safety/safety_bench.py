@@ -147,6 +147,7 @@ class KeepingRecorder:
     ticks: list = field(default_factory=list)
     true_levels: list = field(default_factory=list)
     frames: list = field(default_factory=list)
+    messages: list = field(default_factory=list)
     events: list = field(default_factory=list)
 
     def tick(self, record, true_level_cm=None):
@@ -156,6 +157,9 @@ class KeepingRecorder:
 
     def frame(self, timestamp_s, arbitration_id, data, is_rx=True):
         self.frames.append((timestamp_s, arbitration_id, bytes(data), is_rx))
+
+    def message(self, timestamp_s, frame):
+        self.messages.append((timestamp_s, frame))
 
     def event(self, t_s, event):
         self.events.append((t_s, event))

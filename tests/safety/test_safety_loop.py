@@ -346,3 +346,29 @@ def test_watcher_and_true_levels_see_every_step():
     assert [mode for _, mode in watched] == [Mode.READY] + [Mode.RUNNING] * 8
     assert watched[-1][0].timing == Timing(0.004, 2)
     assert bench.recorder.true_levels == [(1.0, 2.0, 3.0, 4.0)] * 8
+
+
+def test_a_watcher_that_fails_is_left_behind_and_the_run_goes_on():
+    calls = []
+
+    def watcher(*_):
+        calls.append(1)
+        raise RuntimeError("no screen")
+
+    bench = LoopBench(on_tick=watcher).run()
+    assert len(calls) == 1
+    assert bench.codes().count("watcher_failed") == 1
+    assert all(c.enable for c in bench.port.sent[-5:])
+
+
+@pytest.mark.parametrize("kind", ["is_extended_id", "is_error_frame", "is_remote_frame", "is_fd"])
+def test_a_frame_that_is_not_plain_is_kept_as_it_came_and_changes_nothing(kind):
+    bench = LoopBench().run()
+    odd = raw_command(9.0, 9.0)
+    setattr(odd, kind, True)
+    before = len(bench.recorder.frames)
+    bench.loop.receive(odd, bench.now_ns + MS)
+    assert bench.recorder.messages == [(pytest.approx((bench.now_ns + MS) * 1e-9), odd)]
+    assert len(bench.recorder.frames) == before
+    bench.step()
+    assert bench.mode is Mode.RUNNING
