@@ -36,6 +36,8 @@ def run(loop: ControlLoop, port: BusPort, clock: Clock, period_s: float, stop_re
     try:
         while loop.outcome is None:
             _listen(loop, port, clock, deadline_ns)
+            if clock.now_ns() - deadline_ns >= period_ns:
+                _catch_up(loop, port, clock)
             now_ns = clock.now_ns()
             late_ns = now_ns - deadline_ns
             missed = late_ns // period_ns
@@ -56,3 +58,9 @@ def _listen(loop: ControlLoop, port: BusPort, clock: Clock, deadline_ns: int) ->
         message = port.receive(remaining_ns * 1e-9)
         if message is not None:
             loop.receive(message, clock.now_ns())
+
+
+def _catch_up(loop: ControlLoop, port: BusPort, clock: Clock) -> None:
+    """Take in what has piled up during a stall, so that the step sees what the nodes did meanwhile."""
+    for message in port.waiting():
+        loop.receive(message, clock.now_ns())

@@ -22,7 +22,7 @@ SEND_FAILURES_IN_A_ROW = 3
 RECEIVE_FAILURES_IN_A_ROW = 20
 LARGEST_BATCH = 1000
 LONGEST_LINE = 1024
-SLCAN_POLL_S = 0.001
+SLCAN_POLL_S = 0.005
 """Without any time python-can reads a single byte of what waits."""
 
 

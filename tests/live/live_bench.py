@@ -1,0 +1,156 @@
+"""Two processes in real time: the emulator's console script and the controller's."""
+
+import json
+import select
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+CONFIG = ROOT / "config"
+BIN = Path(sys.executable).parent
+WATCHDOG_S = 0.25
+PERIOD_S = 0.1
+LEVELS_AGE_MAX_S = 0.3
+
+STORY = """
+[scenario]
+name = "live"
+duration_s = {duration}
+
+[[reference]]
+at_s = 2.0
+change_V = [0.2, 0.1]
+
+[[fault]]
+at_s = 4.0
+kind = "pump_effectiveness"
+target = 1
+value = 0.7
+
+[[window]]
+name = "after_the_step"
+from_s = 2.0
+to_s = 6.0
+
+[rig]
+safety.arm_timeout_s = {arm_timeout}
+"""
+
+
+def write_scenario(folder, *, duration=60.0, arm_timeout=5.0):
+    path = folder / "live.toml"
+    path.write_text(STORY.format(duration=duration, arm_timeout=arm_timeout))
+    return path
+
+
+def wait_for(condition, timeout_s=10.0):
+    end_s = time.monotonic() + timeout_s
+    while not (result := condition()):
+        assert time.monotonic() < end_s, "did not happen in time"
+        time.sleep(0.01)
+    return result
+
+
+class Emulator:
+    """A running firmware-sim, where it is reached, and what its nodes have recorded."""
+
+    def __init__(self, process, channel, record):
+        self.process, self.channel, self._record = process, channel, record
+
+    def changes(self):
+        lines = self._record.read_text().split("\n")[:-1]
+        return [json.loads(line) for line in lines]
+
+    def pump(self):
+        return [change for change in self.changes() if change["node"] == "pump"]
+
+    def commanded(self):
+        return [change for change in self.pump() if change["cause"] == "command"]
+
+    def has_ever_applied(self):
+        return any(change["applied_V"] != [0.0, 0.0] for change in self.pump())
+
+    def wait_until_it_runs(self, changes=5):
+        wait_for(lambda: len(self.commanded()) >= changes)
+
+
+@contextmanager
+def emulator(record, *arguments, scenario=None, transport=("--slcan", "0")):
+    story = () if scenario is None else ("--scenario", scenario)
+    process = subprocess.Popen(
+        [BIN / "firmware-sim", *transport, "--seed", "1", "--record", record, *map(str, (*story, *arguments))],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        readable, _, _ = select.select([process.stdout], [], [], 20.0)
+        assert readable, "the emulator does not come up"
+        line = process.stdout.readline()
+        assert line.startswith("firmware-sim ready: slcan on "), process.stderr.read()
+        yield Emulator(process, line.split()[-1], record)
+    finally:
+        process.send_signal(signal.SIGCONT)
+        process.kill()
+        process.communicate()
+
+
+class Controller:
+    """A running `hil run`, and the folder that it writes."""
+
+    def __init__(self, process, folder):
+        self.process, self.folder = process, folder
+        self.out = self.err = ""
+
+    def wait(self, timeout_s=30.0):
+        """Exit code; the outputs are kept. No way of ending may show a traceback."""
+        self.out, self.err = self.process.communicate(timeout=timeout_s)
+        assert "Traceback" not in self.err, self.err
+        return self.process.returncode
+
+    def json(self, name):
+        return json.loads((self.folder / name).read_text())
+
+
+@contextmanager
+def controller(scenario, channel, folder, *options):
+    process = subprocess.Popen(
+        [BIN / "hil", "run", scenario, "-i", "slcan", "-c", channel, "--out", folder, *map(str, options)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        yield Controller(process, folder)
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGCONT)
+            process.kill()
+            process.communicate()
+
+
+PLAIN = ("--no-rerun", "--no-report")
+
+
+def hil(*arguments):
+    return subprocess.run(
+        [BIN / "hil", *map(str, arguments)], capture_output=True, text=True, timeout=60.0, check=False
+    )
+
+
+def sent_s(folder):
+    """Times of the commands in can.log, s; every line has to be one of candump's."""
+    times = []
+    for line in (folder / "can.log").read_text().split("\n")[:-1]:
+        stamp, channel, content, direction = line.split()
+        frame_id, _, payload = content.partition("#")
+        assert channel == "can0"
+        assert len(bytes.fromhex(payload)) <= 8
+        if direction == "T":
+            assert frame_id == "201"
+            times.append(float(stamp.strip("()")))
+    return times

@@ -1,0 +1,151 @@
+"""Whole runs in real time over slcan, by TCP and by pseudo-terminal, and the record that they leave."""
+
+import json
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from live_bench import (
+    CONFIG,
+    PERIOD_S,
+    PLAIN,
+    controller,
+    emulator,
+    hil,
+    sent_s,
+    write_scenario,
+)
+
+from hil.edge.run_folder import RunFolder
+from hil.review.ticks import read
+
+pytestmark = pytest.mark.live
+FILES = {"run.json", "can.log", "ticks.csv", "events.jsonl", "run.rrd", "kpi.json", "report.html"}
+
+
+@pytest.fixture(scope="module")
+def whole_run(tmp_path_factory):
+    """10 s over TCP with a reference step and a fault: the controller and the node's record."""
+    folder = tmp_path_factory.mktemp("live")
+    scenario = write_scenario(folder, duration=10.0)
+    with (
+        emulator(folder / "node.jsonl", scenario=scenario) as rig,
+        controller(scenario, rig.channel, folder / "run") as run,
+    ):
+        assert run.wait(60.0) == 0, (run.out, run.err)
+        yield run, rig
+
+
+def test_a_whole_run_leaves_every_file(whole_run):
+    run, _ = whole_run
+    assert {path.name for path in run.folder.iterdir()} == FILES
+    assert all(path.stat().st_size > 0 for path in run.folder.iterdir())
+    manifest = run.json("run.json")
+    assert (manifest["status"], manifest["reason"], manifest["mode"]) == ("complete", "duration over", "live")
+    assert manifest["recorder"] == {"errors": [], "dropped": 0}
+    assert "live: complete" in run.out
+
+
+def test_a_whole_run_loses_no_command_and_no_frame(whole_run):
+    run, rig = whole_run
+    kpi = run.json("kpi.json")
+    assert (kpi["commands"]["commands_lost"], kpi["commands"]["frames_lost"]) == (0, 0)
+    assert len(sent_s(run.folder)) - kpi["commands"]["commands_sent"] in (0, 1), (
+        "the very last 0 V is sent after the count"
+    )
+    assert (kpi["rejected"], kpi["trips"]) == (0, [])
+    assert rig.commanded()
+
+
+def test_a_whole_run_keeps_its_time(whole_run):
+    """One step in a hundred may be skipped: where tests run, other processes may hold the processor for 0.1 s."""
+    kpi = whole_run[0].json("kpi.json")
+    assert kpi["skipped"] <= 1
+    assert kpi["ticks"] == pytest.approx(100, abs=2)
+    assert kpi["lateness_s"]["p50"] < 0.005
+    assert kpi["speed_x"] == pytest.approx(1.0, abs=0.2)
+
+
+def test_commands_go_out_once_a_period(whole_run):
+    times = sent_s(whole_run[0].folder)
+    gaps = sorted(b - a for a, b in pairwise(times[:-1]))
+    assert gaps[len(gaps) // 2] == pytest.approx(PERIOD_S, abs=0.005)
+    assert gaps[1] > 0.3 * PERIOD_S, "a burst"
+
+
+def test_the_node_ends_ready_at_zero_volts(whole_run):
+    last = whole_run[1].pump()[-1]
+    assert (last["state"], last["applied_V"], last["cause"]) == ("ready", [0.0, 0.0], "disabled")
+
+
+def test_the_controller_follows_the_reference_and_notices_the_fault(whole_run):
+    run, _ = whole_run
+    ticks, events = read(RunFolder.open(run.folder))
+    kpi = run.json("kpi.json")
+    assert [(alarm["target"], alarm["size"]) for alarm in kpi["alarms"]] == [(1, 0.7)]
+    assert set(kpi["iae_Vs"]) == {"after_the_step"}
+    assert kpi["iae_source"] == "estimate"
+    assert ticks["r1_V"][-1] - ticks["r1_V"][0] == pytest.approx(0.2)
+    assert 3.0 < kpi["applied_max_V"][0] < 10.0
+    assert events[-1].code == "end"
+
+
+def test_applied_voltages_in_the_record_are_the_nodes_own(whole_run):
+    run, rig = whole_run
+    ticks, _ = read(RunFolder.open(run.folder))
+    own = np.array([change["applied_V"][0] for change in rig.pump()])
+    far_V = [np.min(np.abs(own - seen)) for seen in ticks["v1_applied_V"]]
+    assert max(far_V) <= 0.0001 + 1e-9, "half a step of the wire's 0.2 mV"
+
+
+def test_a_run_over_a_pseudo_terminal_is_no_different(tmp_path):
+    scenario = write_scenario(tmp_path, duration=3.0)
+    with (
+        emulator(tmp_path / "node.jsonl", scenario=scenario, transport=("--pty",)) as rig,
+        controller(scenario, rig.channel, tmp_path / "run", *PLAIN) as run,
+    ):
+        assert run.wait() == 0, (run.out, run.err)
+        kpi = run.json("kpi.json")
+        assert (kpi["status"], kpi["commands"]["commands_lost"], kpi["trips"]) == ("complete", 0, [])
+        assert kpi["ticks"] == pytest.approx(30, abs=2)
+        last = rig.pump()[-1]
+        assert (last["state"], last["applied_V"]) == ("ready", [0.0, 0.0])
+
+
+def test_a_node_built_for_another_dbc_is_never_armed(tmp_path):
+    scenario = write_scenario(tmp_path, arm_timeout=1.0)
+    config = tmp_path / "config"
+    config.mkdir()
+    for name in ("rig.toml", "emulator.toml", "bench.dbc"):
+        (config / name).write_text((CONFIG / name).read_text())
+    (config / "bench.dbc").write_text((CONFIG / "bench.dbc").read_text().replace("Voltage of pump 1", "Volts, pump 1"))
+    with (
+        emulator(tmp_path / "node.jsonl", "--config", config) as rig,
+        controller(scenario, rig.channel, tmp_path / "run", *PLAIN) as run,
+    ):
+        assert run.wait() == 4
+        assert "a node was built for another DBC" in run.out
+        assert run.json("run.json")["status"] == "failed"
+        assert run.json("run.json")["reason"] == "not ready within 1 s: a node was built for another DBC"
+        assert not rig.has_ever_applied()
+        assert rig.commanded() == []
+
+
+BAD = {
+    "bad scenario": ("[rig]\npumps.range_V = [10.0, 0.0]", ()),
+    "unreachable reference": ("[[reference]]\nat_s = 1.0\nchange_V = [9.0, 9.0]", ()),
+    "folder that can't be made": ("", ("--out", "/proc/here/x")),
+}
+
+
+def test_bad_input_moves_nothing_on_a_rig_that_is_there(tmp_path):
+    with emulator(tmp_path / "node.jsonl") as rig:
+        for name, (more, options) in BAD.items():
+            scenario = tmp_path / f"{name.replace(' ', '_')}.toml"
+            scenario.write_text(f'[scenario]\nname = "x"\nduration_s = 5.0\n{more}')
+            out = () if "--out" in options else ("--out", tmp_path / "run")
+            done = hil("run", scenario, "-i", "slcan", "-c", rig.channel, *out, *options)
+            assert done.returncode == 2, (name, done)
+            assert done.stderr.count("\n") == 1, (name, done)
+            assert not (tmp_path / "run").exists(), name
+        assert [json.dumps(change["applied_V"]) for change in rig.pump()] == ["[0.0, 0.0]"] * 2  # boot, booted
