@@ -12,6 +12,9 @@ from hil.core.types import Timing
 from hil.edge.bus import BusPort
 from hil.loop import ControlLoop, Outcome
 
+STALL_NS = 10_000_000
+"""A step that begins later than this first takes in the frames that have piled up, or they would count as too old."""
+
 DOWN_POLL_S = 0.005
 """A bus that is down returns at once; look again after this long."""
 
@@ -36,7 +39,7 @@ def run(loop: ControlLoop, port: BusPort, clock: Clock, period_s: float, stop_re
     try:
         while loop.outcome is None:
             _listen(loop, port, clock, deadline_ns)
-            if clock.now_ns() - deadline_ns >= period_ns:
+            if clock.now_ns() - deadline_ns > STALL_NS:
                 _catch_up(loop, port, clock)
             now_ns = clock.now_ns()
             late_ns = now_ns - deadline_ns
