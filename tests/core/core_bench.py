@@ -109,14 +109,17 @@ class Plant:
         self.level_cm = tuple(np.maximum(h + dt_s / 6.0 * (k1 + 2 * k2 + 2 * k3 + k4), 0.0).tolist())
 
 
-def run(config: ControllerConfig, plant: Plant, steps: int, faults=None, on_step=None):
-    """Close the loop in process: the records of all steps in control. faults : step number -> effectiveness."""
+def run(config: ControllerConfig, plant: Plant, steps: int, faults=None, on_step=None, late_ns=None):
+    """Close the loop in process: the records of all steps in control.
+
+    faults : step number -> effectiveness. late_ns : step number -> lateness of that step.
+    """
     state, applied, records = ControllerState(), (0.0, 0.0), []
     node = NodeState.READY
     for number in range(steps):
         if faults and number in faults:
             plant.effectiveness = faults[number]
-        now_ns = round(number * config.loop.period_s * SECOND)
+        now_ns = round(number * config.loop.period_s * SECOND) + (late_ns or {}).get(number, 0)
         seen = inputs(volts(plant.level_cm), applied, node)
         if on_step is not None:
             seen = on_step(number, seen)

@@ -335,6 +335,7 @@ def test_a_changed_boot_count_is_a_reboot_for_ever(name, first, then):
     receiver_.take(frame(name, 2, BootCount=then), 200 * MS)
     assert receiver_.nodes(200 * MS).rebooted
     receiver_.take(frame(name, 3, BootCount=then), 300 * MS)
+    assert receiver_.nodes(300 * MS).rebooted
     receiver_.take(frame(name, 4, BootCount=first), 400 * MS)
     assert receiver_.nodes(400 * MS).rebooted
 
