@@ -133,7 +133,6 @@ def test_a_node_built_for_another_dbc_is_never_armed(tmp_path):
 
 BAD = {
     "bad scenario": ("[rig]\npumps.range_V = [10.0, 0.0]", ()),
-    "unreachable reference": ("[[reference]]\nat_s = 1.0\nchange_V = [9.0, 9.0]", ()),
     "folder that can't be made": ("", ("--out", "/proc/here/x")),
 }
 
