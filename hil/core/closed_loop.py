@@ -15,7 +15,7 @@ TIME_TOLERANCE_S = 1e-6
 """What is due at a step's own time is due, however the float of it came out."""
 
 LONGEST_PERIODS = 5.0
-"""After a stall the integrals move by no more than this many control periods."""
+"""After a stall the estimate is predicted over no more than this many control periods."""
 
 SOUND = (1.0, 1.0)
 
@@ -170,7 +170,8 @@ def _events(old: LoopState, new: LoopState) -> tuple[Event, ...]:
     if new.reference_V != old.reference_V:
         r1, r2 = new.reference_V
         events.append(Event(Severity.INFO, "reference", f"reference {r1:.4f}, {r2:.4f} V", {"reference_V": [r1, r2]}))
-    if new.law is not old.law:
+    is_first_step = new.stepped_ns == new.started_ns
+    if new.law is not old.law or is_first_step:
         if new.law.effectiveness != old.law.effectiveness:
             e1, e2 = new.law.effectiveness
             text = f"gains recomputed for effectiveness {e1:.3f}, {e2:.3f}"

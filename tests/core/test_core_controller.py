@@ -426,3 +426,9 @@ def test_running_pumps_are_taken_over_at_the_voltages_they_have():
             assert output.record.raw_V != pytest.approx((0.0, 0.0), abs=0.5)
         else:
             assert output.record.raw_V == pytest.approx(expected)
+
+
+def test_a_first_reference_out_of_reach_is_said_at_the_first_step():
+    loop = bench_loop(references=((0.0, (9.9, 2.0)),))
+    _, records = run(controller_config(loop), Plant(), 30)
+    assert codes(records) == [(0.0, "target")]
