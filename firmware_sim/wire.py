@@ -66,13 +66,16 @@ class ChannelStatus(IntEnum):
 
 
 class Frame(Message):
-    """A frame of ours. python-can's virtual bus copies what it delivers; this copies quicker, field by field."""
+    """A frame of ours: sent once and never touched again, so that it need not be copied.
+
+    python-can's virtual bus makes a deep copy of each frame for each receiver, a sixth of the time of a lockstep run.
+    """
 
     __slots__ = ()
 
     def __deepcopy__(self, memo: dict[int, object] | None) -> "Frame":
-        """Copy an ordinary data frame."""
-        return Frame(self.timestamp, self.arbitration_id, is_extended_id=False, data=self.data, is_rx=self.is_rx)
+        """Share instead of copying."""
+        return self
 
 
 class Rejection(Enum):

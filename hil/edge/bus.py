@@ -76,13 +76,13 @@ def _go_on() -> None:
 
 
 class OwnFrame(can.Message):
-    """A frame that we send. The virtual bus copies what it delivers; this copies quicker, field by field."""
+    """A frame that we send once and never touch again, so that the virtual bus need not copy it for its receiver."""
 
     __slots__ = ()
 
     def __deepcopy__(self, memo: dict[int, Any] | None) -> OwnFrame:
-        """Copy an ordinary data frame."""
-        return OwnFrame(self.timestamp, self.arbitration_id, is_extended_id=False, data=self.data, is_rx=self.is_rx)
+        """Share instead of copying."""
+        return self
 
 
 class BusPort:

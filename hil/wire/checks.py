@@ -63,7 +63,7 @@ class FrameCheck:
         data = bytes(frame.data)
         if len(data) != spec.length:
             return Rejection.LENGTH
-        if crc8(spec.data_id + data[:-1]) != data[-1]:
+        if crc8(data[:-1], spec.crc_start) != data[-1]:
             return Rejection.CRC
         values = spec.decode(data)
         if values is None:

@@ -46,12 +46,12 @@ class SignalLayout:
 
 @dataclass(frozen=True)
 class FrameSpec:
-    """One frame of ours. data_id : what its CRC begins with."""
+    """One frame of ours. crc_start : the CRC register after its data id."""
 
     name: str
     frame_id: int
     length: int
-    data_id: bytes
+    crc_start: int
     signals: tuple[SignalLayout, ...]
 
     def decode(self, data: bytes) -> Decoded | None:
@@ -82,7 +82,7 @@ class FrameSpec:
                 raise ValueError(f"{self.name}.{name} {values[name]!r} is outside 0..{highest * scale:g}")
             payload |= raw << shift
         body = payload.to_bytes(self.length, "little")[:-1]
-        return body + bytes((crc8(self.data_id + body),))
+        return body + bytes((crc8(body, self.crc_start),))
 
     @cached_property
     def _rows(self) -> tuple[tuple[str, int, int, float, int], ...]:
@@ -118,12 +118,20 @@ def fingerprint(text: str) -> int:
     return zlib.crc32("\n".join(line.rstrip() for line in text.splitlines()).encode())
 
 
-def crc8(data: bytes | bytearray) -> int:
-    """AUTOSAR 8H2F CRC over data: polynomial 0x2F, initial value and final XOR 0xFF."""
-    register = 0xFF
+def crc8(data: bytes | bytearray, start: int = 0xFF) -> int:
+    """AUTOSAR 8H2F CRC over data: polynomial 0x2F, initial value and final XOR 0xFF.
+
+    start : the register to begin with; that of `crc_start(data_id)` for a frame's payload.
+    """
+    table, register = _TABLE, start
     for byte in data:
-        register = _TABLE[register ^ byte]
+        register = table[register ^ byte]
     return register ^ 0xFF
+
+
+def crc_start(data_id: int) -> int:
+    """The register after a frame's data id, low byte first."""
+    return crc8(data_id.to_bytes(2, "little")) ^ 0xFF
 
 
 _TABLE = bytes(Crc8Autosar.calc(bytes((index ^ 0xFF,))) ^ 0xFF for index in range(256))
@@ -147,7 +155,7 @@ def _spec(database: Database, name: str) -> FrameSpec:
     if not isinstance(data_id, int) or not 0 <= data_id <= 0xFFFF:
         raise ContractError(f"frame {name} has DataId {data_id!r}, want 0..65535")
     signals = tuple(_layout(name, signal) for signal in message.signals if signal.name in SIGNALS[name])
-    return FrameSpec(name, message.frame_id, message.length, data_id.to_bytes(2, "little"), signals)
+    return FrameSpec(name, message.frame_id, message.length, crc_start(data_id), signals)
 
 
 def _layout(frame: str, signal: Signal) -> SignalLayout:

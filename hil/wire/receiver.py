@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from math import inf, nan
 
 from hil.core.types import BusHealth, Measurement, NodeHealth, NodeState, Pair, PumpFeedback, Quad
@@ -60,8 +62,7 @@ class Receiver:
 
     def __init__(self, contract: Contract, sender: CommandSender, sensor_range_V: Pair) -> None:
         """sensor_range_V : readings outside it are not valid, whatever the node says."""
-        self._checks = {spec.frame_id: FrameCheck(spec) for spec in contract.frames.values()}
-        self._names = {spec.frame_id: spec.name for spec in contract.frames.values()}
+        self._checks = tuple(FrameCheck(spec) for spec in contract.frames.values())
         self._fingerprint = contract.fingerprint
         self._sender = sender
         self._range_V = sensor_range_V
@@ -73,6 +74,15 @@ class Receiver:
         self._shortfall_V: Pair = (0.0, 0.0)
         self._state = NodeState.BOOT
         self._trip_cause = 0
+        take: dict[str, Callable[[Decoded, int], None]] = {
+            "LowerLevels": self._lower.take,
+            "UpperLevels": self._upper.take,
+            "PumpStatus": self._take_status,
+            "PumpCommand": self._take_command,
+            "PumpHeartbeat": partial(self._take_heartbeat, self._beats["PumpHeartbeat"]),
+            "LevelHeartbeat": partial(self._take_heartbeat, self._beats["LevelHeartbeat"]),
+        }
+        self._routes = {check.spec.frame_id: (check, take[check.spec.name]) for check in self._checks}
         self.rejections: Counter[Rejection] = Counter()
         self.accepted = 0
         self.foreign_commands = 0
@@ -89,29 +99,23 @@ class Receiver:
     @property
     def lost(self) -> int:
         """Frames that counters show to be missing."""
-        return sum(check.lost for check in self._checks.values())
+        return sum(check.lost for check in self._checks)
 
     def _take(self, frame: Frame, received_ns: int) -> Rejection | None:
         if frame.is_error_frame:
             return Rejection.ERROR_FRAME
-        check = self._checks.get(frame.arbitration_id)
-        if check is None:
+        known = self._routes.get(frame.arbitration_id)
+        if known is None:
             return Rejection.UNKNOWN_ID
+        check, take = known
         values = check.admit(frame, received_ns)
         if isinstance(values, Rejection):
             return values
-        name = self._names[frame.arbitration_id]
-        if name == "LowerLevels":
-            self._lower.take(values, received_ns)
-        elif name == "UpperLevels":
-            self._upper.take(values, received_ns)
-        elif name == "PumpStatus":
-            self._take_status(values, received_ns)
-        elif name == "PumpCommand":
-            self.foreign_commands += 1
-        else:
-            self._take_heartbeat(self._beats[name], values, received_ns)
+        take(values, received_ns)
         return None
+
+    def _take_command(self, values: Decoded, received_ns: int) -> None:  # noqa: ARG002 - as all that take frames
+        self.foreign_commands += 1
 
     def _take_status(self, values: Decoded, received_ns: int) -> None:
         self._status_ns = received_ns
