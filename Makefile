@@ -31,7 +31,8 @@ lint: $(READY)   ## style, types, architecture
 	$(BIN)/lint-imports
 
 unit: $(READY)   ## the test suite
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not live"
+	$(BIN)/python -m pytest -m live
 
 benchmarks: $(READY)  ## timings as ratios, for docs/benchmarks.md
 	$(BIN)/python -m tools.benchmark
