@@ -49,13 +49,18 @@ ReportChoice = Annotated[bool, typer.Option("--report/--no-report", help="Whethe
 
 def main() -> None:
     """Entry point of the console script: turns what is the user's to mend into one line."""
-    from hil.cli.errors import USER_ERRORS
-
     try:
         code = app(standalone_mode=False)
     except typer.TyperException as error:  # a wrong option or argument
         code = _complain(str(getattr(error, "format_message", error.__str__)()))
-    except USER_ERRORS as error:
+    except (typer.Abort, KeyboardInterrupt):
+        _complain("interrupted")
+        code = SIGNAL_EXIT_CODES["SIGINT"]
+    except Exception as error:
+        from hil.cli.errors import USER_ERRORS  # only now: it brings in all that can raise them
+
+        if not isinstance(error, USER_ERRORS):
+            raise
         code = _complain(str(error))
     sys.exit(code if isinstance(code, int) else 0)
 

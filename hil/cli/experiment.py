@@ -95,6 +95,9 @@ class _Record:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: object) -> None:
         wall_s = time.perf_counter() - self._started
+        if kind is KeyboardInterrupt:
+            self.recorder.close("stopped", "interrupted")
+            return
         if self.outcome is None:
             self.recorder.close("failed", f"{kind.__name__}: {error}" if kind else "ended without an outcome")
             return
