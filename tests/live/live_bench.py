@@ -15,6 +15,7 @@ BIN = Path(sys.executable).parent
 WATCHDOG_S = 0.25
 PERIOD_S = 0.1
 LEVELS_AGE_MAX_S = 0.3
+HEARTBEAT_AGE_MAX_S = 0.25
 
 STORY = """
 [scenario]
