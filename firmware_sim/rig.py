@@ -119,12 +119,14 @@ class Rig:
         self._follow_pump(now_ns)
         self._rare_ns = self._next_rare_ns()
 
+    @property
+    def levels_cm(self) -> Quad:
+        """True levels at `now_ns`."""
+        return self._tanks_now().levels_cm
+
     def truth(self) -> Truth:
         """Return the state of the rig at `now_ns`."""
-        tanks = self._tanks.copy()
-        if not self._is_held:
-            dt_s = (self._now_ns - self._tanks_ns) / NS_PER_S
-            tanks.advance(dt_s, self._input_V, self._faults.effects.effectiveness)
+        tanks = self._tanks_now()
         e1, e2 = self._faults.effects.effectiveness
         start_ns = self._start_ns
         return Truth(
@@ -136,6 +138,15 @@ class Rig:
             spilled_cm3=tanks.spilled_cm3,
             pump_state=self.pump.state,
         )
+
+    def _tanks_now(self) -> Tanks:
+        """The tanks at `now_ns`: a copy where they have to be moved there, so that asking changes nothing."""
+        if self._is_held or self._tanks_ns == self._now_ns:
+            return self._tanks
+        tanks = self._tanks.copy()
+        dt_s = (self._now_ns - self._tanks_ns) / NS_PER_S
+        tanks.advance(dt_s, self._input_V, self._faults.effects.effectiveness)
+        return tanks
 
     def _catch_up(self, to_ns: int) -> None:
         if to_ns < self._now_ns:

@@ -35,7 +35,7 @@ def run(
         for frame in port.waiting():
             loop.receive(frame, round(frame.timestamp * 1e9))
         loop.tick(now_ns, NO_DELAY)
-        emulator.step(now_ns)
+        emulator.read(now_ns)
         now_ns += period_ns
         number += 1
         if on_progress is not None and number % 100 == 0:

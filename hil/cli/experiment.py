@@ -55,7 +55,7 @@ def simulate(bench: Bench, options: Options, on_progress: Callable[[int], None] 
         ours, theirs = (stack.enter_context(_virtual_bus(str(folder.path))) for _ in range(2))
         record = stack.enter_context(_Record(_recorder(folder, bench, config, options, with_truth=True)))
         port = BusPort(ours)
-        loop = _loop(bench, config, options, port, record.recorder, true_level_cm=lambda: emulator.truth().levels_cm)
+        loop = _loop(bench, config, options, port, record.recorder, true_level_cm=lambda: emulator.levels_cm)
         gc.freeze()  # what stands now stands to the end; looking through it again and again costs a tenth of the time
         stack.callback(gc.unfreeze)
         record.outcome = lockstep.run(loop, port, EmulatorPort(emulator, theirs), config.loop.period_s, on_progress)
