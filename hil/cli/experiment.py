@@ -9,8 +9,10 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from queue import SimpleQueue
 
 import can
+from can.interfaces.virtual import VirtualBus
 
 from firmware_sim import settings as emulator_settings
 from firmware_sim.ports import BusPort as EmulatorPort
@@ -159,4 +161,11 @@ def _recorder(
 
 
 def _virtual_bus(channel: str) -> can.BusABC:
-    return can.Bus(interface="virtual", channel=channel, preserve_timestamps=True, ignore_config=True)
+    """One end of python-can's virtual bus, with a queue for one thread.
+
+    Both ends live in this thread, where the locks of the bus's own queue guard nothing and take a tenth of the time.
+    """
+    bus = VirtualBus(channel, preserve_timestamps=True)
+    lean: SimpleQueue[can.Message] = SimpleQueue()
+    bus.channel[bus.channel.index(bus.queue)] = bus.queue = lean  # type: ignore[assignment, call-overload]
+    return bus

@@ -185,20 +185,23 @@ def nearest_reachable(model: TankModel, lower_cm: Pair, limit_V: Pair) -> Reacha
     if not too:
         return ReachableTarget(lower_cm, (v1, v2), "")
     flow = through_flow_matrix(model)[:2] / (np.array(model.outlet_cm2[:2])[:, None] * sqrt(2.0 * model.gravity_cm_s2))
-    wanted = np.array(lower_cm)
     best, best_distance = (0.0, 0.0), float("inf")
     for fixed in (0, 1):
         free = 1 - fixed
         for edge in (0.0, limit_V[fixed]):
-            distance = sum(
-                (np.polynomial.Polynomial([flow[i, fixed] * edge, flow[i, free]]) ** 2 - wanted[i]) ** 2 for i in (0, 1)
-            )
-            roots = distance.deriv().roots()
-            inside = [r.real for r in roots if abs(r.imag) < 1e-9 and 0.0 < r.real < limit_V[free]]
-            for candidate in (0.0, limit_V[free], *inside):
-                value = float(distance(candidate))
+            lines = [(float(flow[i, fixed] * edge), float(flow[i, free]), lower_cm[i]) for i in (0, 1)]
+            for candidate in (0.0, limit_V[free], *_stationary(lines, limit_V[free])):
+                value = sum(((p + q * candidate) ** 2 - h) ** 2 for p, q, h in lines)
                 if value < best_distance:
                     best_distance = value
-                    best = (edge, float(candidate)) if fixed == 0 else (float(candidate), edge)
+                    best = (edge, candidate) if fixed == 0 else (candidate, edge)
     reached = equilibrium(model, best)
     return ReachableTarget((reached[0], reached[1]), best, "; ".join(too))
+
+
+def _stationary(lines: list[tuple[float, float, float]], limit: float) -> list[float]:
+    """Where in (0, limit) the sum of ((p + q t)^2 - h)^2 over the (p, q, h) has no slope: real roots of a cubic."""
+    cubic = np.zeros(4)
+    for p, q, h in lines:
+        cubic += (q**4, 3.0 * p * q**3, 3.0 * p**2 * q**2 - h * q**2, p**3 * q - h * p * q)
+    return [float(root.real) for root in np.roots(cubic) if abs(root.imag) < 1e-9 and 0.0 < root.real < limit]
