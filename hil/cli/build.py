@@ -14,7 +14,7 @@ from hil.core.eigenstructure import DesignError
 from hil.core.estimator import LevelFilter
 from hil.core.reconfiguration import Reconfiguration
 from hil.core.supervisor import Limits
-from hil.core.tanks import TankModel, equilibrium, linearise
+from hil.core.tanks import equilibrium, linearise
 from hil.core.types import Pair
 from hil.edge.rig_file import Rig, load_rig
 from hil.edge.run_folder import RunPlan, Window
@@ -79,7 +79,7 @@ def controller_config(bench: Bench, duration_s: float | None = None) -> Controll
         ),
         detector=_detector(scenario),
         level_filter=LevelFilter(model, rig.pumps.lag_s, rig.control.level_filter_s),
-        references=reference_schedule(scenario, model, rig.control.operating_point_V, str(bench.scenario_path)),
+        references=reference_schedule(scenario, rig, str(bench.scenario_path)),
         reconfigure=choice.reconfigure,
         period_s=rig.control.period_s,
         anti_windup_s=rig.control.anti_windup_s,
@@ -96,15 +96,14 @@ def gain_design(rig: Rig, name: str) -> GainDesign:
     return choose_rig_design(at, rig.control.output_poles, rig.control.noise_gain_max)
 
 
-def reference_schedule(
-    scenario: Scenario, model: TankModel, operating_point_V: Pair, where: str
-) -> tuple[tuple[float, Pair], ...]:
+def reference_schedule(scenario: Scenario, rig: Rig, where: str) -> tuple[tuple[float, Pair], ...]:
     """References as absolute output voltages, ascending in time, the first at 0: the operating point's levels.
 
-    Raises SettingsError when a change leads outside of the tanks.
+    Raises SettingsError when one lies below empty or above the level that trips.
     """
-    k, highest = model.level_gain_V_cm, model.level_gain_V_cm * model.height_cm
-    h1, h2, _, _ = equilibrium(model, operating_point_V)
+    k = rig.sensors.gain_V_cm
+    highest = k * rig.safety.level_max_cm
+    h1, h2, _, _ = equilibrium(rig.tank_model, rig.control.operating_point_V)
     standing: Pair = (k * h1, k * h2)
     schedule = [(0.0, standing)]
     for index, reference in enumerate(scenario.reference):
@@ -116,7 +115,8 @@ def reference_schedule(
             standing = (k * reference.levels_cm[0], k * reference.levels_cm[1])
         if not all(0.0 <= level <= highest for level in standing):
             raise SettingsError(
-                f"{where}: reference[{index}]: leads to {standing[0]:g}, {standing[1]:g} V, outside 0..{highest:g} V"
+                f"{where}: reference[{index}]: leads to {standing[0]:g}, {standing[1]:g} V, outside 0..{highest:g} V "
+                f"(safety.level_max_cm {rig.safety.level_max_cm:g})"
             )
         schedule.append((reference.at_s, standing))
     return tuple(schedule)
@@ -139,8 +139,13 @@ def run_plan(bench: Bench, *, is_live: bool, seed: int | None) -> RunPlan:
         windows=tuple(Window(w.name, w.from_s, w.to_s) for w in bench.scenario.window),
         reconfigure=bench.scenario.control.reconfigure,
         settings=settings,
-        copies={file.name: file.read_text(encoding="utf-8") for file in files},
+        copies={_copy_name(bench, file): file.read_text(encoding="utf-8") for file in files},
     )
+
+
+def _copy_name(bench: Bench, file: Path) -> str:
+    """A scenario may be called anything, rig.toml too; it gets a folder of its own."""
+    return f"scenarios/{file.name}" if file == bench.scenario_path else file.name
 
 
 def _limits(rig: Rig) -> Limits:

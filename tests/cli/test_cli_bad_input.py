@@ -70,12 +70,12 @@ BAD_SCENARIOS = {
     "references that add up over the rim": (
         "[[reference]]\nat_s = 1.0\nchange_V = [3.0, 0.0]\n[[reference]]\nat_s = 2.0\nchange_V = [3.0, 0.0]",
         "reference[1]",
-        "outside 0..10 V",
+        "outside 0..9.5 V",
     ),
     "references that add up below the floor": (
         "[[reference]]\nat_s = 1.0\nchange_V = [0.0, -9.0]",
         "reference[0]",
-        "outside 0..10 V",
+        "outside 0..9.5 V",
     ),
     "fault of a pump that is not there": (
         "[[fault]]\nat_s = 1.0\nkind = 'pump_effectiveness'\ntarget = 3\nvalue = 0.5",

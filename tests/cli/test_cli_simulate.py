@@ -91,7 +91,7 @@ def test_the_record_of_a_run_holds_the_configuration_it_ran_on(faulty_run):
     run = json.loads((folder / "run.json").read_text())
     assert (run["status"], run["mode"], run["seed"], run["scenario"]) == ("complete", "lockstep", 7, "faulty")
     assert run["copies"] == {
-        "faulty.toml": scenario.read_text(),
+        "scenarios/faulty.toml": scenario.read_text(),
         **{name: (CONFIG / name).read_text() for name in ("rig.toml", "emulator.toml", "bench.dbc")},
     }
 
