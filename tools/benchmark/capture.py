@@ -1,0 +1,75 @@
+"""A run of the paper's scenario, kept in memory, to measure on what really occurs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import can
+
+from firmware_sim import settings as emulator_settings
+from firmware_sim.ports import BusPort as EmulatorPort
+from firmware_sim.rig import Rig as Emulator
+from hil import lockstep
+from hil.cli import build
+from hil.core.controller import Output
+from hil.core.types import Event, Inputs, Mode, Quad, TickRecord
+from hil.edge.bus import BusPort
+from hil.loop import ControlLoop
+from tools.benchmark import SCENARIO
+
+
+class Capture:
+    """A run in lockstep without files, for what the controller saw and what was on the bus. Also a loop's recorder."""
+
+    def __init__(self, period_s: float) -> None:
+        self.period_ns = round(period_s * 1e9)
+        self.inputs: list[Inputs] = []
+        self.frames: list[can.Message] = []
+
+    @classmethod
+    def of_a_run(cls, duration_s: float | None = None) -> Capture:
+        """The paper's scenario, or the beginning of it."""
+        bench = build.load(SCENARIO)
+        config = build.controller_config(bench, duration_s)
+        truth, faults = emulator_settings.load(bench.emulator_path, bench.scenario_path)
+        emulator = Emulator(truth, faults, 1, emulator_settings.load_fingerprint(bench.dbc_path))
+        capture = cls(config.loop.period_s)
+        channel = f"benchmark-{id(capture)}"
+        ours, theirs = (
+            can.Bus(interface="virtual", channel=channel, preserve_timestamps=True, ignore_config=True)
+            for _ in range(2)
+        )
+        with ours, theirs:
+            port = BusPort(ours)
+            loop = ControlLoop(
+                config,
+                bench.contract,
+                bench.rig.sensors.range_V,
+                port,
+                capture,
+                arm_timeout_s=bench.rig.safety.arm_timeout_s,
+                on_tick=capture.watch,
+            )
+            lockstep.run(loop, port, EmulatorPort(emulator, theirs), config.loop.period_s)
+        return capture
+
+    def watch(self, inputs: Inputs, output: Output, mode: Mode) -> None:
+        """Keep what a step saw."""
+        del output, mode
+        self.inputs.append(inputs)
+
+    def tick(self, record: TickRecord, true_level_cm: Quad | None = None) -> None:
+        """Steps are not kept."""
+
+    def frame(self, timestamp_s: float, arbitration_id: int, data: bytes | bytearray, is_rx: bool = True) -> None:
+        """Keep what came off the bus."""
+        if is_rx:
+            self.frames.append(
+                can.Message(timestamp_s, arbitration_id, is_extended_id=False, data=bytearray(data), is_rx=True)
+            )
+
+    def message(self, timestamp_s: float, message: Any) -> None:
+        """There are no others."""
+
+    def event(self, t_s: float, event: Event) -> None:
+        """Events are not kept."""

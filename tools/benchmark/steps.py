@@ -1,0 +1,91 @@
+"""The small change of a tick: one control step, and a frame encoded, checked and decoded."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from statistics import median
+from typing import Any
+
+import cantools
+import numpy as np
+
+from hil.cli import build
+from hil.core import controller
+from hil.core.controller import ControllerState
+from hil.wire.checks import FrameCheck, Rejection
+from tools.benchmark import SCENARIO
+from tools.benchmark.capture import Capture
+from tools.benchmark.tables import Section, as_time
+from tools.benchmark.timing import TICK_US, Effort, in_turns
+
+
+def control_step(effort: Effort) -> list[Section]:
+    """`controller.step` on what a run of the paper's scenario gave it to see."""
+    capture = Capture.of_a_run()
+    config = build.controller_config(build.load(SCENARIO))
+    took_us: list[float] = []
+    while len(took_us) < effort.steps:
+        state = ControllerState()
+        for number, inputs in enumerate(capture.inputs[: effort.steps - len(took_us)]):
+            started_ns = time.perf_counter_ns()
+            state, _ = controller.step(config, state, inputs, number * capture.period_ns)
+            took_us.append((time.perf_counter_ns() - started_ns) * 1e-3)
+    p50, p99, largest = (float(value) for value in np.percentile(took_us, [50, 99, 100]))
+    rows = [
+        (name, as_time(value), f"{100.0 * value / TICK_US:.2f} %")
+        for name, value in (("p50", p50), ("p99", p99), ("max", largest))
+    ]
+    note = f"{len(took_us)} steps, reference changes and reconfiguration among them. Tick: 100 ms."
+    return [Section("One control step", note, ("quantile", "time", "share of a tick"), rows)]
+
+
+def codec(effort: Effort) -> list[Section]:
+    """Encode, check and decode, per frame, beside cantools' own encode and decode (which know no CRC or counter)."""
+    capture = Capture.of_a_run(60.0)
+    bench = build.load(SCENARIO)
+    specs = {spec.frame_id: spec for spec in bench.contract.frames.values()}
+    database: Any = cantools.database.load_file(bench.dbc_path)
+    command = bench.contract.frames["PumpCommand"]
+    values: dict[str, Any] = {"Command1": 3.1, "Command2": 2.9, "Enable": 1, "ClearTrip": 0, "Counter": 7, "Crc": 0}
+    frames = capture.frames[:400]
+
+    def admit() -> None:
+        checks = {frame_id: FrameCheck(spec) for frame_id, spec in specs.items()}
+        for frame in frames:
+            found = checks[frame.arbitration_id].admit(frame, round(frame.timestamp * 1e9))
+            if isinstance(found, Rejection):
+                raise AssertionError(f"frame {frame} refused: {found}")
+
+    def decode() -> None:
+        for frame in frames:
+            specs[frame.arbitration_id].decode(bytes(frame.data))
+
+    def decode_by_cantools() -> None:
+        for frame in frames:
+            database.decode_message(frame.arbitration_id, frame.data, decode_choices=False)
+
+    calls: dict[str, tuple[Callable[[], Any], int]] = {
+        "encode, with CRC": (lambda: command.encode(values), 400),
+        "cantools encode": (lambda: database.encode_message("PumpCommand", values), 400),
+        "check and decode": (admit, 1),
+        "decode alone": (decode, 1),
+        "cantools decode": (decode_by_cantools, 1),
+    }
+    times = in_turns(calls, effort.rounds)
+    for name in ("check and decode", "decode alone", "cantools decode"):
+        times[name] = [value / len(frames) for value in times[name]]
+    peers = {"encode, with CRC": "cantools encode", "check and decode": "cantools decode"}
+    peers["decode alone"] = "cantools decode"
+    rows = []
+    for name, found in times.items():
+        peer = peers.get(name)
+        ratio = median(theirs / mine for theirs, mine in zip(times[peer], found, strict=True)) if peer else None
+        rows.append((name, as_time(median(found)), as_time(min(found)), "" if ratio is None else f"{ratio:.1f}"))
+    both = [e + d for e, d in zip(times["encode, with CRC"], times["check and decode"], strict=True)]
+    rows.append(("encode + check + decode", as_time(median(both)), as_time(min(both)), ""))
+    note = (
+        "Per frame; PumpCommand for encoding, the frames of a run in their order for checking. "
+        "Ratio: cantools' time over ours."
+    )
+    return [Section("Codec", note, ("what", "median", "best", "ratio"), rows)]

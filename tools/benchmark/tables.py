@@ -1,0 +1,97 @@
+"""Tables of figures: on the screen, and in the document with the circumstances under which they were taken."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import platform
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+from rich.table import Table
+
+from tools.benchmark import ROOT
+from tools.benchmark.timing import Effort
+
+DOCUMENT = ROOT / "docs/benchmarks.md"
+BEGIN, END = "<!-- figures: begin -->", "<!-- figures: end -->"
+
+
+@dataclass(frozen=True)
+class Section:
+    """One table with its note."""
+
+    title: str
+    note: str
+    columns: tuple[str, ...]
+    rows: Sequence[tuple[str, ...]]
+
+
+def as_time(us: float) -> str:
+    """Three digits, in µs or ms."""
+    scaled, unit = (us, "µs") if us < 1000.0 else (us / 1000.0, "ms")
+    digits = 2 if scaled < 10.0 else 1 if scaled < 100.0 else 0
+    return f"{scaled:.{digits}f} {unit}"
+
+
+def as_share(part: float, total: float) -> str:
+    """In percent, one decimal."""
+    return f"{100.0 * part / total:.1f} %"
+
+
+def as_verdict(is_met: bool) -> str:
+    """Whether a target was met, in words."""
+    return "met" if is_met else "not met"
+
+
+def as_rich(section: Section) -> Table:
+    """The table for the screen."""
+    table = Table(title=section.title, title_justify="left")
+    for column in section.columns:
+        table.add_column(column)
+    for row in section.rows:
+        table.add_row(*row)
+    return table
+
+
+def write(sections: list[Section], effort: Effort) -> None:
+    """Replace what stands between the markers of the document."""
+    lines = [BEGIN, "", _circumstances(effort)]
+    for section in sections:
+        lines += ["", f"## {section.title}", "", section.note, ""]
+        lines += [f"| {' | '.join(section.columns)} |", f"|{'---|' * len(section.columns)}"]
+        lines += [f"| {' | '.join(row)} |" for row in section.rows]
+    text = DOCUMENT.read_text(encoding="utf-8")
+    before, _, rest = text.partition(BEGIN)
+    _, _, after = rest.partition(END)
+    block = "\n".join(lines)
+    DOCUMENT.write_text(f"{before}{block}\n\n{END}{after}", encoding="utf-8")
+
+
+def _circumstances(effort: Effort) -> str:
+    packages = ("numpy", "scipy", "control", "slycot", "python-can", "cantools", "rerun-sdk")
+    versions = ", ".join(f"{name} {version(name)}" for name in packages if importlib.util.find_spec(_module(name)))
+    now = datetime.now(UTC)
+    load = os.getloadavg()[0]
+    machine = f"{os.cpu_count()} cores, {_cpu_model()}, {platform.system()} {platform.machine()}"
+    return (
+        f"{now:%Y-%m-%d}; {machine}, load average {load:.1f} at the end; "
+        f"Python {platform.python_version()}, {versions}; {effort.runs} runs, {effort.rounds} rounds."
+    )
+
+
+def _module(package: str) -> str:
+    return {"python-can": "can", "rerun-sdk": "rerun"}.get(package, package)
+
+
+def _cpu_model() -> str:
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    except OSError:
+        return platform.processor() or "unknown processor"
+    return next(
+        (line.split(":", 1)[1].strip() for line in text.splitlines() if line.startswith("model name")), "unknown"
+    )
