@@ -73,13 +73,6 @@ def _is_degraded(config: ControllerConfig, loop: LoopState | None) -> bool:
 
 def _record(loop: LoopState, mode: Mode, inputs: Inputs, command_V: Pair, events: tuple[Event, ...]) -> TickRecord:
     law = loop.law
-    gain = tuple(
-        value / theta
-        for levels, integrals, theta in zip(
-            law.gains.levels_V_cm, law.gains.integrals_1_s, law.effectiveness, strict=True
-        )
-        for value in (*levels, *integrals)
-    )
     return TickRecord(
         t_s=(loop.stepped_ns - loop.started_ns) * 1e-9,
         mode=mode,
@@ -93,7 +86,7 @@ def _record(loop: LoopState, mode: Mode, inputs: Inputs, command_V: Pair, events
         applied_V=inputs.pumps.applied_V,
         effectiveness=loop.diagnosis.effectiveness,
         integral_Vs=loop.integral_Vs,
-        gain=gain,
+        gain=law.pump_gain,
         iae_Vs=loop.iae_Vs,
         levels_age_s=inputs.measurement.age_s,
         status_age_s=inputs.pumps.age_s,

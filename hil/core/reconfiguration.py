@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from hil.core.design import GainDesign, Gains
 from hil.core.tanks import TankModel, equilibrium, linearise, nearest_reachable
@@ -15,7 +16,7 @@ LOWEST_LINEARISED_CM = 0.2
 """Eq. (3) has no time constant for an empty tank; below this level the gains no longer follow."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class ControlLaw:
     """What state feedback runs on until reference or diagnosis change.
 
@@ -29,6 +30,17 @@ class ControlLaw:
     target_V: Pair
     effectiveness: Pair
     reason: str
+
+    @cached_property
+    def pump_gain(self) -> tuple[float, ...]:
+        """(12,) the gain in force on the pumps, by rows: levels, then integrals, divided by effectiveness."""
+        return tuple(
+            value / theta
+            for levels, integrals, theta in zip(
+                self.gains.levels_V_cm, self.gains.integrals_1_s, self.effectiveness, strict=True
+            )
+            for value in (*levels, *integrals)
+        )
 
 
 @dataclass(frozen=True, slots=True)

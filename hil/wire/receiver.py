@@ -68,7 +68,7 @@ class Receiver:
         self._range_V = sensor_range_V
         self._lower = LevelPair(("Level1", "Level2", "Status1", "Status2"))
         self._upper = LevelPair(("Level3", "Level4", "Status3", "Status4"))
-        self._beats = {"PumpHeartbeat": Beat(), "LevelHeartbeat": Beat()}
+        self._pump_beat, self._level_beat = Beat(), Beat()
         self._status_ns = -1
         self._applied_V: Pair = UNKNOWN
         self._shortfall_V: Pair = (0.0, 0.0)
@@ -79,8 +79,8 @@ class Receiver:
             "UpperLevels": self._upper.take,
             "PumpStatus": self._take_status,
             "PumpCommand": self._take_command,
-            "PumpHeartbeat": partial(self._take_heartbeat, self._beats["PumpHeartbeat"]),
-            "LevelHeartbeat": partial(self._take_heartbeat, self._beats["LevelHeartbeat"]),
+            "PumpHeartbeat": partial(self._take_heartbeat, self._pump_beat),
+            "LevelHeartbeat": partial(self._take_heartbeat, self._level_beat),
         }
         self._routes = {check.spec.frame_id: (check, take[check.spec.name]) for check in self._checks}
         self.rejections: Counter[Rejection] = Counter()
@@ -140,10 +140,15 @@ class Receiver:
         (y1, y2), (y3, y4) = self._lower.mean(), self._upper.mean()
         level_V: Quad = (y1, y2, y3, y4)
         low, high = self._range_V
-        newest = (*self._lower.newest_V, *self._upper.newest_V)
-        ok = (*self._lower.is_ok, *self._upper.is_ok)
-        v1, v2, v3, v4 = (is_ok and low <= y <= high for is_ok, y in zip(ok, newest, strict=True))
-        return Measurement(level_V, (v1, v2, v3, v4), self._age_s(now_ns, self._lower, self._upper), readings)
+        (n1, n2), (n3, n4) = self._lower.newest_V, self._upper.newest_V
+        (ok1, ok2), (ok3, ok4) = self._lower.is_ok, self._upper.is_ok
+        valid = (
+            ok1 and low <= n1 <= high,
+            ok2 and low <= n2 <= high,
+            ok3 and low <= n3 <= high,
+            ok4 and low <= n4 <= high,
+        )
+        return Measurement(level_V, valid, _age_s(now_ns, self._lower, self._upper), readings)
 
     def pumps(self, now_ns: int) -> PumpFeedback:
         """What the pump node last said."""
@@ -153,15 +158,16 @@ class Receiver:
 
     def nodes(self, now_ns: int) -> NodeHealth:
         """What the heartbeats say of both nodes."""
-        beats = tuple(self._beats.values())
-        rebooted = any(beat.rebooted for beat in beats)
-        return NodeHealth(self._age_s(now_ns, *beats), rebooted, all(beat.contract_matches for beat in beats))
+        pump, level = self._pump_beat, self._level_beat
+        rebooted = pump.rebooted or level.rebooted
+        return NodeHealth(_age_s(now_ns, pump, level), rebooted, pump.contract_matches and level.contract_matches)
 
     def bus(self, send_failures: int, is_up: bool) -> BusHealth:
         """Counters so far."""
         return BusHealth(self.accepted, self.rejections.total(), send_failures, self.foreign_commands, is_up)
 
-    @staticmethod
-    def _age_s(now_ns: int, *sources: LevelPair | Beat) -> float:
-        oldest = min(source.received_ns for source in sources)
-        return (now_ns - oldest) * 1e-9 if oldest >= 0 else inf
+
+def _age_s(now_ns: int, first: LevelPair | Beat, second: LevelPair | Beat) -> float:
+    """Age of the older one; inf before both have come."""
+    oldest = min(first.received_ns, second.received_ns)
+    return (now_ns - oldest) * 1e-9 if oldest >= 0 else inf
