@@ -68,7 +68,7 @@ class ChannelStatus(IntEnum):
 class Frame(Message):
     """A frame of ours: sent once and never touched again, so that it need not be copied.
 
-    python-can's virtual bus makes a deep copy of each frame for each receiver, a sixth of the time of a lockstep run.
+    python-can's virtual bus makes a deep copy of each frame for each receiver, which lockstep would feel.
     """
 
     __slots__ = ()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -58,8 +57,6 @@ def simulate(bench: Bench, options: Options, on_progress: Callable[[int], None] 
         record = stack.enter_context(_Record(_recorder(folder, bench, config, options, with_truth=True)))
         port = BusPort(ours)
         loop = _loop(bench, config, options, port, record.recorder, true_level_cm=lambda: emulator.levels_cm)
-        gc.freeze()  # what stands now stands to the end; looking through it again and again costs a tenth of the time
-        stack.callback(gc.unfreeze)
         record.outcome = lockstep.run(loop, port, EmulatorPort(emulator, theirs), config.loop.period_s, on_progress)
     return kpi.compute(folder)
 

@@ -57,7 +57,7 @@ class FrameSpec:
     def decode(self, data: bytes) -> Decoded | None:
         """Payload to signal values in units; None when one is out of its range.
 
-        The same as cantools' decode (a test holds them together), at a third of its time: every frame comes here.
+        The same as cantools' decode (a test holds them together), in half its time: every frame comes here.
         """
         payload = int.from_bytes(data, "little")
         values: Decoded = {}
