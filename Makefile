@@ -38,7 +38,7 @@ benchmarks: $(READY)  ## timings as ratios, for docs/benchmarks.md
 	$(BIN)/python -m tools.benchmark
 
 lock: $(READY)   ## pin anew what pyproject.toml asks for (needs uv)
-	uv pip compile pyproject.toml --group dev --universal --python-version 3.11 --generate-hashes \
+	uv pip compile pyproject.toml --group dev --all-extras --universal --python-version 3.11 --generate-hashes \
 	  --no-header --no-emit-index-url --upgrade --quiet --output-file requirements.lock
 
 clean:           ## remove what can be made again

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from hil.core import estimator, state_feedback
 from hil.core.diagnosis import FaultDetector
 from hil.core.estimator import Estimate, LevelFilter
 from hil.core.reconfiguration import ControlLaw, Reconfiguration
-from hil.core.types import Alarm, Diagnosis, Event, Inputs, Pair, Quad, Severity
+from hil.core.types import UNRESOLVED, Alarm, Diagnosis, Event, Inputs, Pair, Quad, Severity
 
 TIME_TOLERANCE_S = 1e-6
 """What is due at a step's own time is due, however the float of it came out."""
@@ -184,6 +184,10 @@ def _events(old: LoopState, new: LoopState) -> tuple[Event, ...]:
 
 
 def _alarm(alarm: Alarm) -> Event:
-    data = {"detected_s": alarm.detected_s, "kind": alarm.kind, "target": alarm.target, "size": alarm.size}
-    text = f"{alarm.kind} {alarm.target}: {alarm.size:.3f}"
-    return Event(Severity.WARNING, "alarm", text, data)
+    if alarm.is_recovery:
+        text = f"{alarm.kind} {alarm.target} is over"
+    elif alarm.kind == UNRESOLVED:
+        text = f"a fault: {' or '.join(alarm.candidates)}"
+    else:
+        text = f"{alarm.kind} {alarm.target}: {alarm.size:.3f}"
+    return Event(Severity.WARNING, "alarm", text, asdict(alarm))

@@ -93,7 +93,18 @@ class IdealDetector:
                 reported[fault.target - 1] = fault.effectiveness
         effectiveness = (reported[0], reported[1])
         alarms = tuple(
-            Alarm(t_s, "pump_effectiveness", pump + 1, effectiveness[pump])
+            Alarm(
+                t_s,
+                "pump_effectiveness",
+                pump + 1,
+                effectiveness[pump],
+                size_std=0.0,
+                onset_s=t_s - self.delay_s,
+                isolated_s=t_s,
+                candidates=(f"pump_effectiveness {pump + 1}",),
+                number=pump + 1,
+                is_recovery=effectiveness[pump] == 1.0,
+            )
             for pump in (0, 1)
             if effectiveness[pump] != memory[pump]
         )

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
+from math import nan
 
 Pair = tuple[float, float]
 Quad = tuple[float, float, float, float]
@@ -82,12 +83,18 @@ class Measurement:
     valid : whether each channel's newest reading was in range and its node vouches for it.
     age_s : age of the oldest of the newest readings; inf before the first.
     readings : how many readings went into the mean (the smaller of the two frames).
+    variance_V2 : of those readings about their mean, per channel; NaN for fewer than two.
+    repeats : how many readings in a row, up to the newest, had the newest one's value (the newest left out).
+    invalid_run : how many readings in a row, up to the newest, were not valid.
     """
 
     level_V: Quad
     valid: tuple[bool, bool, bool, bool]
     age_s: float
     readings: int
+    variance_V2: Quad = (nan, nan, nan, nan)
+    repeats: tuple[int, int, int, int] = (0, 0, 0, 0)
+    invalid_run: tuple[int, int, int, int] = (0, 0, 0, 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,23 +165,53 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """A fault that the diagnosis has declared.
+    """What the diagnosis says of one fault; said again, under the same number, when more is known.
 
+    kind, target : as in a scenario's [[fault]]; `UNRESOLVED`, 0 while several candidates remain.
     size : in the unit of the scenario's `value` (for `pump_effectiveness`: the effectiveness that is left).
+    size_std : its standard deviation; NaN when not known. onset_s : when the fault is thought to have begun.
+    isolated_s : when kind and target were settled; None before. candidates : "kind target" of all that could be,
+    the likeliest first. is_recovery : the fault is over (a pump that came back, a sensor that can be trusted again).
     """
 
     detected_s: float
     kind: str
     target: int
     size: float
+    size_std: float = nan
+    onset_s: float = nan
+    isolated_s: float | None = None
+    candidates: tuple[str, ...] = ()
+    number: int = 0
+    is_recovery: bool = False
+
+
+UNRESOLVED = "unresolved"
+"""Kind of an alarm whose candidates can't be told apart yet."""
 
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """The current verdict: what is left of each pump's gain, and the alarms that are new at this step."""
+    """The current verdict.
+
+    effectiveness : (2,) what is left of each pump's gain. new_alarms : what is new at this step.
+    trusted : (4,) which sensors' readings may be used. level_V : (4,) the levels as the diagnosis' own filter has
+    them, good for the sensors that are not trusted; None when it has none. stuck_on : (2,) pumps that deliver whatever
+    they are told. is_diverged : the filter no longer explains the readings by any fault that it knows.
+    has_fault : whether anything at all is accommodated.
+    """
 
     effectiveness: Pair = (1.0, 1.0)
     new_alarms: tuple[Alarm, ...] = ()
+    trusted: tuple[bool, bool, bool, bool] = (True, True, True, True)
+    level_V: Quad | None = None
+    stuck_on: tuple[bool, bool] = (False, False)
+    is_diverged: bool = False
+
+    @property
+    def has_fault(self) -> bool:
+        """Whether a pump or a sensor is not what it should be."""
+        return self.effectiveness != (1.0, 1.0) or not all(self.trusted) or any(self.stuck_on)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from math import inf, nan
 
-from hil.core.types import BusHealth, Measurement, NodeHealth, NodeState, Pair, PumpFeedback, Quad
+from hil.core.types import BusHealth, Measurement, NodeHealth, NodeState, Pair, PumpFeedback
 from hil.wire.checks import Frame, FrameCheck, Rejection
 from hil.wire.commands import CommandSender
 from hil.wire.contract import Contract, Decoded
@@ -19,32 +19,48 @@ UNKNOWN = (nan, nan)
 
 @dataclass(slots=True)
 class LevelPair:
-    """What one level frame has brought: the newest readings, their channel status, and the sums since the last step."""
+    """What one level frame has brought: the newest readings, runs up to them, and the sums since the last step."""
 
     names: tuple[str, str, str, str]
+    range_V: Pair
     received_ns: int = -1
     newest_V: Pair = UNKNOWN
-    is_ok: tuple[bool, bool] = (False, False)
     sum_V: Pair = (0.0, 0.0)
+    sum_V2: Pair = (0.0, 0.0)
     count: int = 0
+    repeats: tuple[int, int] = (0, 0)
+    invalid_run: tuple[int, int] = (1, 1)
 
     def take(self, values: Decoded, received_ns: int) -> None:
         """One accepted frame."""
         first, second, status1, status2 = self.names
         a, b = values[first], values[second]
+        low, high = self.range_V
+        (last_a, last_b), (same_a, same_b), (bad_a, bad_b) = self.newest_V, self.repeats, self.invalid_run
+        self.repeats = (same_a + 1 if a == last_a else 0, same_b + 1 if b == last_b else 0)
+        self.invalid_run = (
+            0 if values[status1] == CHANNEL_OK and low <= a <= high else bad_a + 1,
+            0 if values[status2] == CHANNEL_OK and low <= b <= high else bad_b + 1,
+        )
         self.newest_V = (a, b)
-        self.is_ok = (values[status1] == CHANNEL_OK, values[status2] == CHANNEL_OK)
         self.sum_V = (self.sum_V[0] + a, self.sum_V[1] + b)
+        self.sum_V2 = (self.sum_V2[0] + a * a, self.sum_V2[1] + b * b)
         self.count += 1
         self.received_ns = received_ns
 
-    def mean(self) -> Pair:
-        """Mean since the last call, or the newest reading when nothing came; begins a new mean."""
-        if self.count == 0:
-            return self.newest_V
-        mean = (self.sum_V[0] / self.count, self.sum_V[1] / self.count)
-        self.sum_V, self.count = (0.0, 0.0), 0
-        return mean
+    def mean_and_variance(self) -> tuple[Pair, Pair]:
+        """Of the readings since the last call; the newest reading when nothing came. Begins anew."""
+        n = self.count
+        if n == 0:
+            return self.newest_V, UNKNOWN
+        m1, m2 = self.sum_V[0] / n, self.sum_V[1] / n
+        variance = UNKNOWN
+        if n > 1:
+            q1, q2 = self.sum_V2
+            variance = (max(q1 - n * m1 * m1, 0.0) / (n - 1), max(q2 - n * m2 * m2, 0.0) / (n - 1))
+        self.sum_V = self.sum_V2 = (0.0, 0.0)
+        self.count = 0
+        return (m1, m2), variance
 
 
 @dataclass(slots=True)
@@ -65,9 +81,8 @@ class Receiver:
         self._checks = tuple(FrameCheck(spec) for spec in contract.frames.values())
         self._fingerprint = contract.fingerprint
         self._sender = sender
-        self._range_V = sensor_range_V
-        self._lower = LevelPair(("Level1", "Level2", "Status1", "Status2"))
-        self._upper = LevelPair(("Level3", "Level4", "Status3", "Status4"))
+        self._lower = LevelPair(("Level1", "Level2", "Status1", "Status2"), sensor_range_V)
+        self._upper = LevelPair(("Level3", "Level4", "Status3", "Status4"), sensor_range_V)
         self._pump_beat, self._level_beat = Beat(), Beat()
         self._status_ns = -1
         self._applied_V: Pair = UNKNOWN
@@ -136,19 +151,20 @@ class Receiver:
 
     def measurement(self, now_ns: int) -> Measurement:
         """The levels for the step at now_ns; begins a new mean."""
-        readings = min(self._lower.count, self._upper.count)
-        (y1, y2), (y3, y4) = self._lower.mean(), self._upper.mean()
-        level_V: Quad = (y1, y2, y3, y4)
-        low, high = self._range_V
-        (n1, n2), (n3, n4) = self._lower.newest_V, self._upper.newest_V
-        (ok1, ok2), (ok3, ok4) = self._lower.is_ok, self._upper.is_ok
-        valid = (
-            ok1 and low <= n1 <= high,
-            ok2 and low <= n2 <= high,
-            ok3 and low <= n3 <= high,
-            ok4 and low <= n4 <= high,
+        lower, upper = self._lower, self._upper
+        readings = min(lower.count, upper.count)
+        (y1, y2), (s1, s2) = lower.mean_and_variance()
+        (y3, y4), (s3, s4) = upper.mean_and_variance()
+        (bad1, bad2), (bad3, bad4) = lower.invalid_run, upper.invalid_run
+        return Measurement(
+            (y1, y2, y3, y4),
+            (bad1 == 0, bad2 == 0, bad3 == 0, bad4 == 0),
+            _age_s(now_ns, lower, upper),
+            readings,
+            (s1, s2, s3, s4),
+            (*lower.repeats, *upper.repeats),
+            (bad1, bad2, bad3, bad4),
         )
-        return Measurement(level_V, valid, _age_s(now_ns, self._lower, self._upper), readings)
 
     def pumps(self, now_ns: int) -> PumpFeedback:
         """What the pump node last said."""

@@ -137,8 +137,16 @@ def test_a_fault_is_reported_and_answered_exactly_its_delay_later():
     assert [r.effectiveness for r in records if r.t_s < 5.95] == [(1.0, 1.0)] * 60
     assert codes(records) == [(6.0, "alarm"), (6.0, "alarm"), (6.0, "reconfigured")]
     alarms = [e for r in records for e in r.events if e.code == "alarm"]
-    assert [e.data for e in alarms] == [
-        {"detected_s": pytest.approx(6.0), "kind": "pump_effectiveness", "target": pump, "size": 0.4} for pump in (1, 2)
+    said = [{key: e.data[key] for key in ("detected_s", "kind", "target", "size", "onset_s")} for e in alarms]
+    assert said == [
+        {
+            "detected_s": pytest.approx(6.0),
+            "kind": "pump_effectiveness",
+            "target": pump,
+            "size": 0.4,
+            "onset_s": pytest.approx(5.0),
+        }
+        for pump in (1, 2)
     ]
     assert all(e.severity is Severity.WARNING for e in alarms)
 
