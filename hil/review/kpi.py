@@ -15,12 +15,21 @@ from typing import Any, Literal
 import numpy as np
 
 from hil.core.types import Mode
-from hil.edge.run_folder import Manifest, RunFolder, RunFolderError, Window, write_atomically
+from hil.edge.run_folder import Manifest, RunFolder, RunFolderError, RunPlan, Window, write_atomically
+from hil.review.alarms import Injected, injected, judge, merged
 from hil.review.ticks import Floats, LoggedEvent, Ticks, read
 
 LEVELS = ("1", "2", "3", "4")
 CONTROLLING = [mode.value for mode in Mode if mode.is_controlling]
 Finite = float | None  # None: not known
+Known = bool | None
+
+RESERVOIR_LOW = "reservoir_low"
+DRY_RUN_S = 2.0
+"""How long pumps may go on after the reservoir has run low."""
+
+RANGE_TOLERANCE_V = 1e-4
+HEIGHT_TOLERANCE_CM = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +40,12 @@ class Kpi:
     window the record covers. ticks : steps in control, arming and ramp left out. commands : how many were sent, how
     many of them the pump node did not accept, how many frames were lost. lateness_s : quantiles of how late the steps
     began.
+
+    alarms : one entry a fault that was spoken of, see `hil.review.alarms.Finding`. false_alarms : those before anything
+    was wrong, spurious_alarms : those that speak of no fault of the scenario; None where its faults are not known.
+    iae_after_fault_Vs : from the first fault's onset to the end of the window that it lies in, or of the run.
+    overflow : a level reached the rim. dry_run : a pump ran on without water. applied_out_of_range : a pump's voltage
+    was out of the rig file's range.
     """
 
     scenario: str
@@ -42,7 +57,13 @@ class Kpi:
     iae_covered_s: dict[str, float]
     applied_max_V: tuple[Finite, Finite]
     level_max_cm: tuple[Finite, Finite, Finite, Finite]
+    iae_after_fault_Vs: tuple[float, float] | None
     alarms: tuple[dict[str, Any], ...]
+    false_alarms: int | None
+    spurious_alarms: int | None
+    overflow: Known
+    dry_run: Known
+    applied_out_of_range: Known
     trips: tuple[dict[str, Any], ...]
     ticks: int
     duration_s: float
@@ -71,6 +92,10 @@ def evaluate(manifest: Manifest, ticks: Ticks, events: Sequence[LoggedEvent], sp
     gain_V_cm = level_gain(plan.settings)
     level_V = output_levels(ticks, gain_V_cm)
     integrals = {window.name: _window_iae(ticks, level_V, window, plan.period_s) for window in plan.windows}
+    faults = known_faults(plan)
+    findings = merged(event.data for event in events if event.code == "alarm")
+    verdict = None if faults is None else judge(faults, findings)
+    after_fault = None if not faults else after_fault_window(faults, plan.windows)
     return Kpi(
         scenario=plan.scenario,
         status=manifest.outcome,
@@ -81,9 +106,13 @@ def evaluate(manifest: Manifest, ticks: Ticks, events: Sequence[LoggedEvent], sp
         iae_covered_s={name: covered_s for name, (_, covered_s) in integrals.items()},
         applied_max_V=(_peak(ticks["v1_applied_V"]), _peak(ticks["v2_applied_V"])),
         level_max_cm=_level_peaks(ticks, gain_V_cm),
-        alarms=tuple(
-            _pick(event.data, "detected_s", "kind", "target", "size") for event in events if event.code == "alarm"
-        ),
+        iae_after_fault_Vs=None if after_fault is None else _window_iae(ticks, level_V, after_fault, plan.period_s)[0],
+        alarms=tuple(asdict(finding) for finding in findings),
+        false_alarms=None if verdict is None else len(verdict.false),
+        spurious_alarms=None if verdict is None else len(verdict.spurious),
+        overflow=_overflow(ticks, plan.settings, gain_V_cm),
+        dry_run=None if faults is None else _dry_run(ticks, faults),
+        applied_out_of_range=_applied_out_of_range(ticks, plan.settings),
         trips=tuple(
             {"t_s": event.t_s, **_pick(event.data, "cause"), "text": event.text}
             for event in events
@@ -106,6 +135,21 @@ def level_gain(settings: Mapping[str, Any]) -> float:
         return float(settings["rig"]["sensors"]["gain_V_cm"])
     except (KeyError, TypeError, ValueError) as error:
         raise RunFolderError("run.json's settings have no rig.sensors.gain_V_cm") from error
+
+
+def known_faults(plan: RunPlan) -> tuple[Injected, ...] | None:
+    """The faults that were played; None where only the emulator's own scenario would know."""
+    scenario = plan.settings.get("scenario")
+    if plan.mode != "lockstep" or not isinstance(scenario, Mapping):
+        return None
+    return injected(scenario.get("fault", ()))
+
+
+def after_fault_window(faults: Sequence[Injected], windows: Sequence[Window]) -> Window:
+    """From the first fault's onset to the end of the window that it lies in; without one, for ever."""
+    at_s = faults[0].at_s
+    to_s = min((window.to_s for window in windows if window.from_s <= at_s < window.to_s), default=math.inf)
+    return Window("after_fault", at_s, to_s)
 
 
 def output_levels(ticks: Ticks, gain_V_cm: float) -> Floats:
@@ -148,6 +192,31 @@ def _window_iae(ticks: Ticks, level_V: Floats, window: Window, period_s: float) 
         for i in (0, 1)
     ]
     return (results[0][0], results[1][0]), round(min(covered_s for _, covered_s in results), 9)
+
+
+def _overflow(ticks: Ticks, settings: Mapping[str, Any], gain_V_cm: float) -> Known:
+    height_cm = settings["rig"].get("tanks", {}).get("height_cm")
+    peaks_cm = [peak for peak in _level_peaks(ticks, gain_V_cm) if peak is not None]
+    return None if height_cm is None or not peaks_cm else max(peaks_cm) >= height_cm - HEIGHT_TOLERANCE_CM
+
+
+def _applied_out_of_range(ticks: Ticks, settings: Mapping[str, Any]) -> Known:
+    limits = settings["rig"].get("pumps", {}).get("range_V")
+    applied_V = ticks.stack("v1_applied_V", "v2_applied_V")
+    applied_V = applied_V[np.isfinite(applied_V)]
+    if limits is None or not len(applied_V):
+        return None
+    low_V, high_V = limits[0] - RANGE_TOLERANCE_V, limits[1] + RANGE_TOLERANCE_V
+    return bool(applied_V.min() < min(low_V, 0.0) or applied_V.max() > high_V)
+
+
+def _dry_run(ticks: Ticks, faults: Sequence[Injected]) -> bool:
+    is_driven = (ticks["v1_applied_V"] > 0.0) | (ticks["v2_applied_V"] > 0.0)
+    dry = [fault for fault in faults if fault.kind == RESERVOIR_LOW]
+    return any(
+        bool((is_driven & (ticks["t_s"] > fault.at_s + DRY_RUN_S) & (ticks["t_s"] < fault.until_s)).any())
+        for fault in dry
+    )
 
 
 def _level_peaks(ticks: Ticks, gain_V_cm: float) -> tuple[Finite, Finite, Finite, Finite]:

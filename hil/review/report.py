@@ -16,6 +16,11 @@ from hil.review.kpi import Kpi, evaluate, level_gain, output_levels
 from hil.review.ticks import LoggedEvent, Ticks, read
 
 MOST_EVENTS = 400
+BROKEN = {
+    "overflow": "A level reached the rim.",
+    "dry_run": "A pump ran on without water.",
+    "applied_out_of_range": "A pump's voltage was out of its range.",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +108,13 @@ def _cards(kpi: Kpi, *, is_live: bool) -> str:
         ("lateness, 99 % of steps", _milliseconds(kpi.lateness_s["p99"]) if is_live else "none, simulated"),
         ("alarms, trips", f"{len(kpi.alarms)}, {len(kpi.trips)}"),
     ]
-    troubles = [*kpi.recorder.get("errors", [])]
+    if kpi.false_alarms is not None and kpi.spurious_alarms is not None:
+        pairs.append(("false alarms, spurious ones", f"{kpi.false_alarms}, {kpi.spurious_alarms}"))
+    if kpi.iae_after_fault_Vs is not None:
+        first_Vs, second_Vs = kpi.iae_after_fault_Vs
+        pairs.append(("IAE after the fault, outputs 1, 2", f"{first_Vs:.3g}, {second_Vs:.3g} V s"))
+    troubles = [text for name, text in BROKEN.items() if getattr(kpi, name)]
+    troubles += kpi.recorder.get("errors", [])
     if kpi.recorder.get("dropped"):
         troubles.append(f"{kpi.recorder['dropped']} entries of the record were dropped")
     return page.cards(pairs) + "".join(f'<p class="ERROR">{page.escape(text)}</p>' for text in troubles)
@@ -149,13 +160,25 @@ def _iae_table(runs: Sequence[Run]) -> str:
 
 def _alarm_table(kpi: Kpi) -> str:
     rows = [
-        [_number(alarm["detected_s"], 5), f"{alarm['kind']} {alarm['target']}", f"size {_number(alarm['size'], 3)}"]
+        [
+            _number(alarm["detected_s"], 5),
+            f"{alarm['kind']} {alarm['target']}",
+            _with_spread(alarm["size"], alarm["size_std"]),
+            _number(alarm["onset_s"], 5),
+            _number(alarm["isolated_s"], 5),
+            ", ".join(alarm["candidates"]),
+        ]
         for alarm in kpi.alarms
     ]
-    rows += [[_number(trip["t_s"], 5), f"trip: {trip['cause']}", trip["text"]] for trip in kpi.trips]
+    rows += [[_number(trip["t_s"], 5), f"trip: {trip['cause']}", trip["text"], "", "", ""] for trip in kpi.trips]
     if not rows:
         return '<p class="soft">None.</p>'
-    return page.table(["time [s]", "what", "detail"], rows, numeric=frozenset())
+    heads = ["time [s]", "what", "size", "onset [s]", "isolated [s]", "candidates"]
+    return page.table(heads, rows, numeric=frozenset())
+
+
+def _with_spread(size: Any, std: Any) -> str:
+    return f"{_number(size, 3)} ± {_number(std, 2)}" if isinstance(std, float) and std > 0.0 else _number(size, 3)
 
 
 def _figures(run: Run, other: Run | None) -> str:

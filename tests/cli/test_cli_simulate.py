@@ -77,7 +77,7 @@ def test_key_figures_are_complete_and_fit_the_run(faulty_run):
     assert all(0.0 < level < 19.0 for level in kpi["level_max_cm"])
     assert kpi["trips"] == []
     (alarm,) = kpi["alarms"]
-    assert set(alarm) == {"detected_s", "kind", "target", "size"}
+    assert {"detected_s", "kind", "target", "size", "size_std", "onset_s", "isolated_s", "candidates"} <= set(alarm)
     assert (alarm["kind"], alarm["target"], alarm["size"]) == ("pump_effectiveness", 2, 0.6)
     assert alarm["detected_s"] == pytest.approx(11.0, abs=0.11)  # one second of delay, one control period
     assert kpi["ticks"] == 300

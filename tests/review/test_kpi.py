@@ -2,20 +2,31 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import toy
 
-from hil.core.types import Event, Severity
+from hil.core.types import Alarm, Event, Severity
 from hil.edge.recorder import Recorder
 from hil.edge.run_folder import RunFolder, RunFolderError, Window
-from hil.review.kpi import absolute_error_integral, compute
+from hil.review.kpi import Kpi, absolute_error_integral, compute
 
-KEYS = {"iae_Vs", "iae_source", "applied_max_V", "level_max_cm", "alarms", "trips", "ticks", "skipped", "speed_x"}
+KEYS = {"false_alarms", "spurious_alarms", "overflow", "dry_run", "applied_out_of_range", "iae_after_fault_Vs"} | {
+    "iae_Vs",
+    "iae_source",
+    "applied_max_V",
+    "level_max_cm",
+    "alarms",
+    "trips",
+    "ticks",
+    "skipped",
+    "speed_x",
+}
 
 
 @pytest.mark.parametrize(("from_s", "to_s"), [(0.0, 50.0), (1.234, 33.3333), (0.05, 0.07), (10.0, 10.0)])
@@ -70,9 +81,11 @@ def test_kpi_file_has_the_agreed_keys(whole_run: RunFolder) -> None:
     assert set(raw["iae_Vs"]) == {"gain_fall", "reference_step"}
     assert [len(pair) for pair in raw["iae_Vs"].values()] == [2, 2]
     assert raw["iae_source"] == "truth"
-    assert raw["alarms"] == [
-        {"detected_s": 201.0, "kind": "pump_effectiveness", "target": pump, "size": 0.4} for pump in (1, 2)
-    ]
+    expected = {"detected_s": 201.0, "kind": "pump_effectiveness", "size": 0.4, "size_std": 0.02, "onset_s": 200.1}
+    expected |= {"isolated_s": 201.0, "recovered_s": None, "flips": 0}
+    for pump, alarm in zip((1, 2), raw["alarms"], strict=True):
+        assert alarm.items() >= {**expected, "target": pump}.items()
+        assert alarm["candidates"] == [f"pump_effectiveness {pump}"]
     assert (raw["ticks"], raw["skipped"], raw["speed_x"], raw["trips"]) == (5000, 0, 500.0, [])
     assert len(raw["level_max_cm"]) == 4
     assert kpi.status == "complete"
@@ -130,3 +143,71 @@ def test_settings_without_the_level_gain_are_a_clear_error(tmp_path: Path) -> No
     Recorder.open(folder).close("complete", "")
     with pytest.raises(RunFolderError, match="gain_V_cm"):
         compute(folder)
+
+
+def shortened(path: Path, *alarms: Alarm, settings: dict[str, Any] | None = None, **changes: object) -> Kpi:
+    """Key figures of the toy's steps from 195 to 215 s with other alarms, each at the step of its time."""
+    folder = RunFolder.create(path, replace(toy.plan(), settings=settings or toy.SETTINGS))
+    recorder = Recorder.open(folder)
+    truth_cm = changes.pop("truth_cm", None)
+    for record, truth in toy.steps(until_s=215.0):
+        if record.t_s >= 195.0:
+            due = [alarm for alarm in alarms if abs(alarm.detected_s - record.t_s) < 0.01]
+            events = tuple(Event(Severity.WARNING, "alarm", "", asdict(alarm)) for alarm in due)
+            recorder.tick(replace(record, events=events, **changes), truth_cm or truth)  # type: ignore[arg-type]
+    recorder.close("complete", "")
+    return compute(folder)
+
+
+def with_faults(*faults: dict[str, object]) -> dict[str, Any]:
+    return {**toy.SETTINGS, "scenario": {"fault": list(faults)}}
+
+
+def test_a_fault_told_twice_is_one_alarm_with_the_first_time_and_the_last_word(tmp_path: Path) -> None:
+    vague = Alarm(200.3, "unresolved", 0, math.nan, candidates=("leak 1", "pump_effectiveness 1"), number=5)
+    settled = Alarm(201.0, "pump_effectiveness", 1, 0.42, 0.03, 200.05, 201.0, ("pump_effectiveness 1",), number=5)
+    better = replace(settled, detected_s=203.0, size=0.401, size_std=0.004)
+    kpi = shortened(tmp_path / "run", vague, settled, better)
+    (alarm,) = kpi.alarms
+    assert (alarm["detected_s"], alarm["isolated_s"], alarm["size"]) == (200.3, 201.0, 0.401)
+    assert alarm["first_candidates"] == ("leak 1", "pump_effectiveness 1")
+    assert (kpi.false_alarms, kpi.spurious_alarms) == (0, 0)
+
+
+def test_alarms_before_the_fault_are_false_and_those_of_no_fault_spurious(tmp_path: Path) -> None:
+    early = Alarm(197.0, "sensor_bias", 3, 0.02, number=1)
+    right = [Alarm(200.5, "pump_effectiveness", pump, 0.4, number=1 + pump) for pump in (1, 2)]
+    extra = Alarm(210.0, "leak", 4, 0.1, number=4)
+    kpi = shortened(tmp_path / "run", early, *right, extra)
+    assert (len(kpi.alarms), kpi.false_alarms, kpi.spurious_alarms) == (4, 1, 1)
+    healthy = shortened(tmp_path / "healthy", early, *right, settings=with_faults())
+    assert (healthy.false_alarms, healthy.spurious_alarms) == (3, 0)
+
+
+def test_iae_after_the_fault_ends_with_its_window(tmp_path: Path, whole_run: RunFolder) -> None:
+    whole = compute(whole_run)
+    assert whole.iae_after_fault_Vs == whole.iae_Vs["gain_fall"], "the fault comes with the window's start"
+    late = shortened(
+        tmp_path / "late", settings=with_faults({"kind": "leak", "target": 1, "value": 0.2, "at_s": 205.0})
+    )
+    assert late.iae_after_fault_Vs is not None
+    assert 0.0 < late.iae_after_fault_Vs[0] < late.iae_Vs["gain_fall"][0]
+    assert shortened(tmp_path / "none", settings=with_faults()).iae_after_fault_Vs is None
+
+
+def test_broken_invariants_are_named(tmp_path: Path) -> None:
+    sound = shortened(tmp_path / "sound")
+    assert (sound.overflow, sound.dry_run, sound.applied_out_of_range) == (False, False, False)
+    assert shortened(tmp_path / "brim", truth_cm=(12.0, 20.0, 1.0, 1.0)).overflow
+    assert shortened(tmp_path / "high", applied_V=(10.01, 3.0)).applied_out_of_range
+    assert shortened(tmp_path / "low", applied_V=(3.0, -0.01)).applied_out_of_range
+    assert not shortened(tmp_path / "edge", applied_V=(10.0, 0.0)).applied_out_of_range
+    dry = with_faults({"kind": "reservoir_low", "target": 0, "value": 1.0, "at_s": 205.0})
+    assert shortened(tmp_path / "dry", settings=dry).dry_run
+    assert not shortened(tmp_path / "off", settings=dry, applied_V=(0.0, 0.0)).dry_run
+
+
+def test_what_only_the_emulator_knows_is_not_made_up_for_a_live_run(tmp_path: Path) -> None:
+    kpi = compute(toy.record_run(tmp_path / "run", live=True, until_s=30.0))
+    assert (kpi.false_alarms, kpi.spurious_alarms, kpi.dry_run, kpi.iae_after_fault_Vs) == (None, None, None, None)
+    assert (kpi.overflow, kpi.applied_out_of_range) == (False, False)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from random import Random
 
-from hil.core.types import Event, Mode, Pair, Quad, Severity, TickRecord
+from hil.core.types import Alarm, Event, Mode, Pair, Quad, Severity, TickRecord
 from hil.edge.recorder import Recorder
 from hil.edge.rerun_log import RerunLog, RunCard
 from hil.edge.run_folder import RunFolder, RunPlan, Window
@@ -29,6 +31,10 @@ kind = "pump_effectiveness"
 target = 2
 value = 0.4
 """
+SETTINGS = {
+    "rig": {"sensors": {"gain_V_cm": GAIN_V_CM}, "tanks": {"height_cm": 20.0}, "pumps": {"range_V": [0.0, 10.0]}},
+    "scenario": tomllib.loads(SCENARIO),
+}
 WINDOWS = (Window("gain_fall", 200.0, 350.0), Window("reference_step", 350.0, 500.0))
 EQUILIBRIUM_V: Quad = (6.1, 6.4, 0.82, 0.70)
 
@@ -41,7 +47,7 @@ def plan(*, reconfigure: bool = True, windows: tuple[Window, ...] = WINDOWS, mod
         period_s=0.1,
         windows=windows,
         reconfigure=reconfigure,
-        settings={"rig": {"sensors": {"gain_V_cm": GAIN_V_CM}}},
+        settings=SETTINGS,
         copies={"rig.toml": "[sensors]\ngain_V_cm = 0.5 # <b>&\n", "scenario.toml": SCENARIO},
     )
 
@@ -110,8 +116,9 @@ def events_at(t_s: float, index: int, reconfigure: bool) -> Iterator[Event]:
         yield Event(Severity.INFO, "running", "control on <now> & steady")
     if abs(t_s - 201.0) < 1e-6 and reconfigure:
         for pump in (1, 2):
-            data = {"detected_s": t_s, "kind": "pump_effectiveness", "target": pump, "size": 0.4}
-            yield Event(Severity.WARNING, "alarm", f"pump {pump} has 40 % of its gain left", data)
+            name = f"pump_effectiveness {pump}"
+            alarm = Alarm(t_s, "pump_effectiveness", pump, 0.4, 0.02, 200.1, t_s, (name,), number=pump)
+            yield Event(Severity.WARNING, "alarm", f"pump {pump} has 40 % of its gain left", asdict(alarm))
 
 
 def frames(t_s: float, index: int) -> Iterator[tuple[float, int, bytes, bool]]:

@@ -1,0 +1,179 @@
+"""What the alarms of a run come to: one finding for each fault that was spoken of, and how right it was.
+
+A detector says the same fault again, under the same number, as it comes to know more; here the first word gives the
+time, the last one kind and size. A recovery closes the finding; the same number afterwards is another fault. Alarms
+without a number (0) stand each for themselves.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from hil.core.types import UNRESOLVED
+
+TIME_TOLERANCE_S = 1e-6
+PROCESS_FAULTS = ("pump_", "valve_", "leak", "outlet_", "sensor_")
+"""How the kinds begin that a diagnosis of the process can be asked for; the others are the bus's and the nodes'."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One fault as the diagnosis told it; None for what it never said.
+
+    kind, target, size, size_std, onset_s, candidates : as last said; see `hil.core.types.Alarm`. detected_s : when it
+    was first spoken of. first_candidates : "kind target" of all that it could be then. isolated_s : when kind and
+    target were first settled. flips : how often they changed after that. recovered_s : when it was said to be over.
+    """
+
+    number: int
+    kind: str
+    target: Any
+    size: float | None
+    size_std: float | None
+    onset_s: float | None
+    detected_s: float | None
+    isolated_s: float | None
+    candidates: tuple[str, ...]
+    first_candidates: tuple[str, ...] = ()
+    flips: int = 0
+    recovered_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Injected:
+    """A fault that was really there; fields as in a scenario's [[fault]]. until_s : inf when it stays."""
+
+    kind: str
+    target: int
+    value: float
+    at_s: float
+    until_s: float = math.inf
+
+    @property
+    def name(self) -> str:
+        """As candidates are named."""
+        return f"{self.kind} {self.target}"
+
+    @property
+    def is_of_the_process(self) -> bool:
+        """Whether it lies in pumps, tanks or sensors."""
+        return self.kind.startswith(PROCESS_FAULTS)
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Findings set against what was there.
+
+    answers : for each injected fault the finding that speaks of it, None where it was missed. false : findings while
+    nothing was wrong yet. spurious : findings after that which speak of no injected fault.
+    """
+
+    answers: tuple[Finding | None, ...]
+    false: tuple[Finding, ...]
+    spurious: tuple[Finding, ...]
+
+
+def merged(alarms: Iterable[Mapping[str, Any]]) -> tuple[Finding, ...]:
+    """Alarms, each as the data of its event, as findings in the order in which they were first raised."""
+    findings: list[Finding] = []
+    open_at: dict[int, int] = {}
+    for alarm in alarms:
+        number = alarm.get("number") or 0
+        at = open_at.get(number)
+        if alarm.get("is_recovery"):
+            if at is not None:
+                findings[at] = replace(findings[at], recovered_s=_known(alarm.get("detected_s")))
+                del open_at[number]
+            continue
+        if at is not None:
+            findings[at] = _later(findings[at], alarm)
+            continue
+        findings.append(_first(number, alarm))
+        if number:
+            open_at[number] = len(findings) - 1
+    return tuple(findings)
+
+
+def injected(faults: Iterable[Mapping[str, Any]]) -> tuple[Injected, ...]:
+    """The faults of a scenario's settings, by time."""
+    found = [
+        Injected(
+            str(fault["kind"]),
+            int(fault.get("target") or 0),
+            float(fault.get("value") or 0.0),
+            float(fault["at_s"]),
+            math.inf if fault.get("until_s") is None else float(fault["until_s"]),
+        )
+        for fault in faults
+    ]
+    return tuple(sorted(found, key=lambda fault: fault.at_s))
+
+
+def judge(faults: Sequence[Injected], findings: Sequence[Finding]) -> Verdict:
+    """Who speaks of what: first those that name a fault rightly, then, in the order of time, whoever came after one."""
+    process = [index for index, fault in enumerate(faults) if fault.is_of_the_process]
+    first_s = min((faults[index].at_s for index in process), default=math.inf)
+    left = [finding for finding in findings if _time(finding) >= first_s - TIME_TOLERANCE_S]
+    false = tuple(finding for finding in findings if finding not in left)
+    answers: list[Finding | None] = [None] * len(faults)
+    for says_so in (_names, _follows):
+        for index in process:
+            match = next((finding for finding in left if says_so(finding, faults[index])), None)
+            if answers[index] is None and match is not None:
+                answers[index] = match
+                left.remove(match)
+    return Verdict(tuple(answers), false, tuple(left))
+
+
+def _first(number: int, alarm: Mapping[str, Any]) -> Finding:
+    kind, target = str(alarm.get("kind")), alarm.get("target")
+    candidates = tuple(alarm.get("candidates") or ())
+    return Finding(
+        number,
+        kind,
+        target,
+        size=_known(alarm.get("size")),
+        size_std=_known(alarm.get("size_std")),
+        onset_s=_known(alarm.get("onset_s")),
+        detected_s=_known(alarm.get("detected_s")),
+        isolated_s=_isolated_s(alarm),
+        candidates=candidates,
+        first_candidates=candidates or (f"{kind} {target}",),
+    )
+
+
+def _later(before: Finding, alarm: Mapping[str, Any]) -> Finding:
+    now = _first(before.number, alarm)
+    is_flip = before.isolated_s is not None and (before.kind, before.target) != (now.kind, now.target)
+    return replace(
+        now,
+        detected_s=before.detected_s,
+        isolated_s=now.isolated_s if before.isolated_s is None else before.isolated_s,
+        first_candidates=before.first_candidates,
+        flips=before.flips + is_flip,
+    )
+
+
+def _isolated_s(alarm: Mapping[str, Any]) -> float | None:
+    return None if alarm.get("kind") == UNRESOLVED else _known(alarm.get("isolated_s"))
+
+
+def _names(finding: Finding, fault: Injected) -> bool:
+    return (finding.kind, finding.target) == (fault.kind, fault.target) and _follows(finding, fault)
+
+
+def _follows(finding: Finding, fault: Injected) -> bool:
+    return _time(finding) >= fault.at_s - TIME_TOLERANCE_S
+
+
+def _time(finding: Finding) -> float:
+    return -math.inf if finding.detected_s is None else finding.detected_s
+
+
+def _known(value: Any) -> float | None:
+    """A finite number as it is; whatever else, None."""
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    return float(value) if is_number and math.isfinite(value) else None

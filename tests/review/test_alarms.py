@@ -1,0 +1,82 @@
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from hil.review.alarms import Injected, injected, judge, merged
+
+PUMP = Injected("pump_effectiveness", 1, 0.4, 100.0)
+
+
+def alarm(
+    t_s: float, kind: str = "pump_effectiveness", target: int = 1, number: int = 1, **more: Any
+) -> dict[str, Any]:
+    return {"detected_s": t_s, "kind": kind, "target": target, "size": 0.4, "number": number, **more}
+
+
+def test_changes_of_mind_after_isolation_are_counted() -> None:
+    (finding,) = merged(
+        [
+            alarm(100.0, "unresolved", 0, candidates=("leak 1", "sensor_drift 1")),
+            alarm(101.0, "leak", isolated_s=101.0),
+            alarm(102.0, "sensor_drift", isolated_s=102.0),
+            alarm(103.0, "leak", isolated_s=103.0),
+            alarm(104.0, "leak", isolated_s=103.0, size=0.3),
+        ]
+    )
+    assert (finding.kind, finding.flips, finding.isolated_s, finding.size) == ("leak", 2, 101.0, 0.3)
+
+
+def test_an_unresolved_alarm_is_not_isolated() -> None:
+    (finding,) = merged([alarm(100.0, "unresolved", 0, isolated_s=100.0)])
+    assert finding.isolated_s is None
+
+
+def test_a_recovery_closes_the_finding_and_the_number_is_free_again() -> None:
+    first, second = merged([alarm(100.0), alarm(150.0, is_recovery=True), alarm(200.0)])
+    assert (first.recovered_s, second.recovered_s, second.detected_s) == (150.0, None, 200.0)
+    assert merged([alarm(5.0, is_recovery=True)]) == (), "nothing was said before that could be over"
+
+
+def test_alarms_without_a_number_stand_for_themselves() -> None:
+    assert len(merged([alarm(100.0, number=0), alarm(101.0, number=0)])) == 2
+
+
+def test_numbers_that_are_none_are_not_known() -> None:
+    (finding,) = merged([alarm(100.0, size=math.nan, onset_s=None)])
+    assert (finding.size, finding.onset_s) == (None, None)
+
+
+def test_the_right_name_wins_over_the_first_to_come() -> None:
+    findings = merged([alarm(101.0, "leak", number=1), alarm(102.0, number=2)])
+    verdict = judge((PUMP,), findings)
+    assert verdict.answers == (findings[1],)
+    assert (verdict.false, verdict.spurious) == ((), (findings[0],))
+
+
+def test_a_wrong_name_answers_where_there_is_no_right_one() -> None:
+    findings = merged([alarm(101.0, "leak")])
+    assert judge((PUMP,), findings).answers == findings
+    assert judge((PUMP,), merged([alarm(99.9)])).answers == (None,), "too early to speak of it"
+
+
+def test_two_faults_are_answered_in_their_order() -> None:
+    both = (PUMP, Injected("leak", 2, 0.2, 200.0))
+    findings = merged([alarm(101.0, number=1), alarm(202.0, "outlet_block", 2, number=2)])
+    assert judge(both, findings).answers == findings
+    late = merged([alarm(202.0, "leak", 2)])
+    assert judge(both, late).answers == (None, late[0])
+
+
+def test_a_fault_of_the_bus_explains_no_alarm() -> None:
+    bus = Injected("frame_loss", 0, 0.05, 10.0)
+    findings = merged([alarm(50.0)])
+    assert judge((bus,), findings).false == findings
+
+
+def test_a_scenarios_faults_are_taken_in_their_order() -> None:
+    listed = [
+        {"kind": "leak", "target": 2, "value": 0.1, "at_s": 20, "until_s": 30.0},
+        {"kind": "pump_dead", "at_s": 5.0},
+    ]
+    assert injected(listed) == (Injected("pump_dead", 0, 0.0, 5.0), Injected("leak", 2, 0.1, 20.0, 30.0))
