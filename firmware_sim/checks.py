@@ -28,6 +28,26 @@ def within(low: float, high: float) -> BeforeValidator:
     return BeforeValidator(check)
 
 
+def per_part(count: int, low: float, high: float) -> BeforeValidator:
+    """Accept one number in low .. high, or a list of `count` of them, which becomes a tuple."""
+    allowed = {"low": f"{low:g}", "high": f"{high:g}", "count": count}
+
+    def is_number(value: object) -> bool:
+        return isinstance(value, int | float) and not isinstance(value, bool) and low <= value <= high
+
+    def check(value: object) -> float | tuple[float, ...]:
+        if isinstance(value, list | tuple):
+            if len(value) == count and all(is_number(part) for part in value):
+                return tuple(float(part) for part in value)
+        elif is_number(value):
+            return float(value)  # type: ignore[arg-type]
+        elif isinstance(value, int | float) and not isinstance(value, bool):
+            raise PydanticCustomError("range", "is outside {low} .. {high}", allowed)
+        raise PydanticCustomError("parts", "must be a number in {low} .. {high}, or a list of {count} of them", allowed)
+
+    return BeforeValidator(check)
+
+
 def one_of(*choices: int) -> BeforeValidator:
     """Accept one of a few whole numbers."""
     allowed = {"choices": ", ".join(str(choice) for choice in choices)}

@@ -1,15 +1,16 @@
 """Level node: reads four level sensors and sends them as voltages.
 
-A sensor gives gain * level plus white noise. The node's converter covers 0 .. 10.24 V and clips a signal outside;
-a signal that noise on an empty or brim-full tank can't explain, more than 0.1 V outside, marks its channel. The
-node boots for boot_s, sending heartbeats only, and then runs.
+A sensor gives gain * (1 + scale error) * level plus white noise. The node's converter covers 0 .. 10.24 V and clips
+a signal outside; a signal that noise on an empty or brim-full tank can't explain, more than 0.1 V outside, marks its
+channel. The node boots for boot_s, sending heartbeats only, and then runs.
 """
 
 from collections.abc import Callable
 
 import numpy as np
 
-from firmware_sim.faults import NS_PER_S
+from firmware_sim.draw import parts
+from firmware_sim.faults.effects import NS_PER_S, ChannelEffects, Codes, Reading
 from firmware_sim.pump_node import BOOT_COUNT, Change, Observer
 from firmware_sim.settings import EmulatorSettings
 from firmware_sim.wire import (
@@ -29,7 +30,15 @@ RANGE_MARGIN_V = 0.1
 NOISE_BLOCK = 1024
 
 Quad = tuple[float, float, float, float]
-Converter = Callable[[float], tuple[float, ChannelStatus]]
+FourReadings = tuple[Reading, Reading, Reading, Reading]
+Converter = Callable[[float], Reading]
+
+
+def codes_of(bits: int) -> Codes:
+    """Codes of a converter over 0 .. 10.24 V; 0 bits: the wire's own steps of 0.2 mV."""
+    if bits == 0:
+        return Codes(round(ADC_RANGE_V * RAW_PER_V), 1.0 / RAW_PER_V)
+    return Codes((1 << bits) - 1, ADC_RANGE_V / (1 << bits))
 
 
 def converter(bits: int) -> Converter:
@@ -62,14 +71,18 @@ class LevelNode:
     """The level node with its own seeded noise; powered up at time 0 of the clock that is handed in."""
 
     def __init__(self, settings: EmulatorSettings, seed: int, fingerprint: int, observer: Observer) -> None:
-        self._gain_V_cm = settings.sensors.gain_V_cm
+        scale_errors = parts(settings.sensors.scale_error, 4)
+        self._gains_V_cm = tuple(settings.sensors.gain_V_cm * (1.0 + error) for error in scale_errors)
         self._noise_V = settings.sensors.noise_V
+        self._codes = codes_of(settings.sensors.adc_bits)
         self._converters = tuple(converter(settings.sensors.adc_bits) for _ in range(4))
         self._boot_end_ns = round(settings.nodes.boot_s * NS_PER_S)
         self._fingerprint = fingerprint
         self._observer = observer
         self._random = np.random.default_rng(seed)
         self._noise: list[list[float]] = []
+        self._readings: FourReadings | None = None
+        self.channel_faults: dict[int, ChannelEffects] = {}
         self._levels_counter = 0
         self._heartbeat_counter = 0
         self.state = NodeState.BOOT
@@ -91,14 +104,19 @@ class LevelNode:
         self.state = NodeState.READY
         self._report(now_ns, "shutdown")
 
-    def levels(self, levels_cm: Quad) -> tuple[bytes, bytes]:
-        """Payloads of the next LowerLevels and UpperLevels frames."""
-        gain = self._gain_V_cm
+    def levels(self, levels_cm: Quad, now_ns: int = 0) -> tuple[bytes, bytes]:
+        """Payloads of the next LowerLevels and UpperLevels frames; now_ns only matters to a sensor that drifts."""
+        g1, g2, g3, g4 = self._gains_V_cm
         to1, to2, to3, to4 = self._converters
         h1, h2, h3, h4 = levels_cm
         n1, n2, n3, n4 = self._next_noise()
-        (v1, s1), (v2, s2) = to1(gain * h1 + n1), to2(gain * h2 + n2)
-        (v3, s3), (v4, s4) = to3(gain * h3 + n3), to4(gain * h4 + n4)
+        if self.channel_faults:
+            n1, n2, n3, n4 = self._disturbed((n1, n2, n3, n4), now_ns)
+        readings = to1(g1 * h1 + n1), to2(g2 * h2 + n2), to3(g3 * h3 + n3), to4(g4 * h4 + n4)
+        if self.channel_faults:
+            readings = self._replaced(readings)
+        self._readings = readings
+        (v1, s1), (v2, s2), (v3, s3), (v4, s4) = readings
         counter = self._levels_counter
         self._levels_counter = (counter + 1) % COUNTER_MODULUS
         return (
@@ -111,6 +129,23 @@ class LevelNode:
         counter = self._heartbeat_counter
         self._heartbeat_counter = (counter + 1) % COUNTER_MODULUS
         return pack_heartbeat(LEVEL_HEARTBEAT_ID, self.state, counter, BOOT_COUNT, self._fingerprint)
+
+    def _disturbed(self, noise_V: Quad, now_ns: int) -> Quad:
+        """Noise of the four sensors with what faults add to it."""
+        added_V = list(noise_V)
+        for channel, faults in self.channel_faults.items():
+            added_V[channel] += faults.signal(now_ns)
+        n1, n2, n3, n4 = added_V
+        return n1, n2, n3, n4
+
+    def _replaced(self, readings: FourReadings) -> FourReadings:
+        """Readings with those that faults put in their place."""
+        last = self._readings
+        sent = list(readings)
+        for channel, faults in self.channel_faults.items():
+            sent[channel] = faults.replaced(sent[channel], None if last is None else last[channel], self._codes)
+        r1, r2, r3, r4 = sent
+        return r1, r2, r3, r4
 
     def _next_noise(self) -> list[float]:
         if not self._noise:

@@ -2,14 +2,18 @@
 
 Time starts at 0 with the power-up of both nodes. Everything that happens by itself happens at its own due
 time, in this order where times are equal: nodes' own events (end of boot, watchdog), faults, level frames,
-status, heartbeats. A frame from outside that comes at the very nanosecond of such an event comes after it.
+status, heartbeats. Turbulence acts together with the level frames. A frame from outside that comes at the very
+nanosecond of such an event comes after it.
 Results do not depend on how `advance` cuts time into pieces, nor on who asks for the truth.
 """
 
+import math
 from dataclasses import dataclass
 
+import numpy as np
 from can import Message
 
+from firmware_sim.draw import drawn, parts
 from firmware_sim.faults import NS_PER_S, Fault, FaultSchedule
 from firmware_sim.level_node import LevelNode, Quad
 from firmware_sim.pump_node import Change, Observer, PumpNode
@@ -27,11 +31,17 @@ from firmware_sim.wire import (
 )
 
 NEVER_NS = 1 << 63
+NS_PER_H = 3600 * NS_PER_S
+TURBULENCE_STREAM = 2
 
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """What no sensor tells: the state of the rig now. scenario_s is None until the pump node first runs."""
+    """What no sensor tells: the state of the rig now. scenario_s is None until the pump node first runs.
+
+    effectiveness : share of the flow of a pump as new, less wear and with any fault. faults : those active now, by kind
+    and target.
+    """
 
     t_s: float
     scenario_s: float | None
@@ -40,6 +50,21 @@ class Truth:
     effectiveness: tuple[float, float]
     spilled_cm3: float
     pump_state: NodeState
+    faults: tuple[str, ...] = ()
+
+
+class _Turbulence:
+    """Seeded volumes in cm3 that white flow noise brings into each tank within one level period."""
+
+    def __init__(self, settings: EmulatorSettings, seed: int) -> None:
+        root_s = math.sqrt(settings.nodes.levels_period_s)
+        self._std_cm3 = [part * root_s for part in parts(settings.tanks.turbulence_cm3_sqrt_s, 4)]
+        self._random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(TURBULENCE_STREAM,)))
+
+    def volumes_cm3(self) -> list[float]:
+        """Draw the next four."""
+        volumes_cm3: list[float] = self._random.normal(0.0, self._std_cm3).tolist()
+        return volumes_cm3
 
 
 def _ignore(change: Change) -> None:
@@ -47,7 +72,10 @@ def _ignore(change: Change) -> None:
 
 
 class Rig:
-    """The emulated rig. `seed` fixes the sensor noise; `fingerprint` is the contract's CRC-32."""
+    """The emulated rig. `seed` fixes all that is random; `fingerprint` is the contract's CRC-32.
+
+    parameters : the settings as this seed has drawn them, the rig's truth.
+    """
 
     def __init__(
         self,
@@ -58,10 +86,15 @@ class Rig:
         observer: Observer | None = None,
     ) -> None:
         observe = observer or _ignore
+        self.parameters = settings = drawn(settings, seed)
         self.pump = PumpNode(settings, fingerprint, observe)
         self.level = LevelNode(settings, seed, fingerprint, observe)
         self._tanks = Tanks(settings)
-        self._faults = FaultSchedule(faults)
+        self._faults = FaultSchedule(faults, seed)
+        self._effectiveness = self._faults.effects.effectiveness
+        self._wear_per_h = parts(settings.pumps.wear_per_h, 2)
+        self._turbulence = _Turbulence(settings, seed) if any(parts(settings.tanks.turbulence_cm3_sqrt_s, 4)) else None
+        self._is_ageing = self._turbulence is not None or any(self._wear_per_h)
         self._levels_period_ns = round(settings.nodes.levels_period_s * NS_PER_S)
         self._status_period_ns = round(settings.nodes.status_period_s * NS_PER_S)
         self._heartbeat_period_ns = round(settings.nodes.heartbeat_period_s * NS_PER_S)
@@ -70,7 +103,7 @@ class Rig:
         self._tanks_ns = 0
         self._is_held = settings.tanks.hold_until_run
         self._start_ns: int | None = None
-        self._input_V = self.pump.applied_V
+        self._input_V = self._obeyed_V = self.pump.applied_V
         self._outbox: list[Message] = []
         self._rare_ns = self._next_rare_ns()
 
@@ -127,7 +160,7 @@ class Rig:
     def truth(self) -> Truth:
         """Return the state of the rig at `now_ns`."""
         tanks = self._tanks_now()
-        e1, e2 = self._faults.effects.effectiveness
+        e1, e2 = self._effectiveness
         start_ns = self._start_ns
         return Truth(
             t_s=self._now_ns / NS_PER_S,
@@ -137,6 +170,7 @@ class Rig:
             effectiveness=(e1, e2),
             spilled_cm3=tanks.spilled_cm3,
             pump_state=self.pump.state,
+            faults=tuple(f"{fault.kind} {fault.target}" for fault in self._faults.active(self._now_ns)),
         )
 
     def _tanks_now(self) -> Tanks:
@@ -145,7 +179,7 @@ class Rig:
             return self._tanks
         tanks = self._tanks.copy()
         dt_s = (self._now_ns - self._tanks_ns) / NS_PER_S
-        tanks.advance(dt_s, self._input_V, self._faults.effects.effectiveness)
+        tanks.advance(dt_s, self._input_V, self._effectiveness)
         return tanks
 
     def _catch_up(self, to_ns: int) -> None:
@@ -178,6 +212,7 @@ class Rig:
         if fault_ns is not None and fault_ns <= now_ns:
             self._move_tanks(now_ns)
             self._faults.advance(now_ns)
+            self._obey_faults()
         self._rare_ns = self._next_rare_ns()
 
     def _next_rare_ns(self) -> int:
@@ -191,20 +226,53 @@ class Rig:
             self._move_tanks(now_ns)
             self._start_ns, self._is_held = now_ns, False
             self._faults.start(now_ns)
-        if self.pump.applied_V != self._input_V:
+        if self.pump.applied_V != self._obeyed_V:
             self._move_tanks(now_ns)
-            self._input_V = self.pump.applied_V
+            self._obeyed_V = self.pump.applied_V
+            self._drive_pumps()
+
+    def _drive_pumps(self) -> None:
+        """Put the pump node's outputs on the pumps, but for those that are stuck on."""
+        (v1, v2), (stuck1, stuck2) = self._obeyed_V, self._faults.effects.stuck_on_V
+        self._input_V = (v1 if stuck1 is None else stuck1, v2 if stuck2 is None else stuck2)
+
+    def _obey_faults(self) -> None:
+        """Hand a changed set of faults to plant and nodes; the tanks stand at the moment of the change."""
+        effects = self._faults.effects
+        self._tanks.obey(effects)
+        self._drive_pumps()
+        self._set_effectiveness()
+        self.level.channel_faults = effects.channels
+
+    def _set_effectiveness(self) -> None:
+        """What is left of the pumps' gains at the moment to which the tanks have moved."""
+        effects = self._faults.effects
+        run_h = 0.0 if self._start_ns is None else (self._tanks_ns - self._start_ns) / NS_PER_H
+        wear = [max(0.0, 1.0 - rate * run_h) for rate in self._wear_per_h]
+        is_wet = not effects.is_dry
+        self._effectiveness = [is_wet * part * left for part, left in zip(wear, effects.effectiveness, strict=True)]
+
+    def _age(self) -> None:
+        """Let turbulence and wear go on by a level period."""
+        if self._is_held:
+            return
+        self._set_effectiveness()
+        if self._turbulence is not None:
+            self._tanks.stir(self._turbulence.volumes_cm3())
 
     def _move_tanks(self, now_ns: int) -> None:
         if not self._is_held:
             dt_s = (now_ns - self._tanks_ns) / NS_PER_S
-            self._tanks.advance(dt_s, self._input_V, self._faults.effects.effectiveness)
+            self._tanks.advance(dt_s, self._input_V, self._effectiveness)
         self._tanks_ns = now_ns
 
     def _send_levels(self, now_ns: int) -> None:
+        if self._is_ageing:
+            self._move_tanks(now_ns)
+            self._age()
         if self.level.state is NodeState.RUN:
             self._move_tanks(now_ns)
-            lower, upper = self.level.levels(self._tanks.levels_cm)
+            lower, upper = self.level.levels(self._tanks.levels_cm, now_ns)
             self._send(LOWER_LEVELS_ID, lower, now_ns)
             self._send(UPPER_LEVELS_ID, upper, now_ns)
 

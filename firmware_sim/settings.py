@@ -5,12 +5,13 @@ Everything is checked on loading; every error is one line with file, key, value 
 
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
-from firmware_sim.checks import Table, listed, one_of, within
-from firmware_sim.faults import Fault, PumpEffectiveness
+from firmware_sim.checks import Table, listed, one_of, per_part, within
+from firmware_sim.faults.base import Fault
+from firmware_sim.faults.catalogue import KINDS
 from firmware_sim.wire import contract_fingerprint
 
 Area = Annotated[float, within(0.1, 1e5)]
@@ -25,7 +26,11 @@ class SettingsError(ValueError):
 
 
 class TankSettings(Table):
-    """Tanks 1, 2 (lower), 3, 4 (upper), after eq. (1) of Hajiani and Poshtan (2012)."""
+    """Tanks 1, 2 (lower), 3, 4 (upper), after eq. (1) of Hajiani and Poshtan (2012).
+
+    turbulence_cm3_sqrt_s is the intensity of a white noise on the flow into each tank: the volume that it has added
+    after t seconds has a standard deviation of turbulence * sqrt(t).
+    """
 
     area_cm2: Annotated[tuple[Area, Area, Area, Area], listed(4)]
     outlet_cm2: Annotated[tuple[Outlet, Outlet, Outlet, Outlet], listed(4)]
@@ -33,22 +38,33 @@ class TankSettings(Table):
     gravity_cm_s2: Annotated[float, within(1.0, 1e4)]
     start_V: Annotated[tuple[Volt, Volt], listed(2)]
     hold_until_run: bool
+    turbulence_cm3_sqrt_s: Annotated[float | tuple[float, ...], per_part(4, 0.0, 100.0)] = 0.0
 
 
 class PumpSettings(Table):
-    """Two pumps with their valves, and the converter that drives them (range 0 .. 10 V)."""
+    """Two pumps with their valves, and the converter that drives them (range 0 .. 10 V).
+
+    wear_per_h is the share of its gain as new that a pump loses per hour of the scenario.
+    """
 
     gain_cm3_Vs: Annotated[tuple[PumpGain, PumpGain], listed(2)]
     valve_split: Annotated[tuple[Share, Share], listed(2)]
-    lag_s: Annotated[float, within(0.0, 60.0)]
+    lag_s: Annotated[float | tuple[float, ...], per_part(2, 0.0, 60.0)]
+    lag_spread: Annotated[float, within(0.0, 1.0)] = 0.0
     dac_bits: Annotated[int, one_of(0, 8, 10, 12, 14, 16)]
+    wear_per_h: Annotated[float | tuple[float, ...], per_part(2, 0.0, 10.0)] = 0.0
 
 
 class SensorSettings(Table):
-    """Level sensors and the converter that reads them (range 0 .. 10.24 V)."""
+    """Level sensors and the converter that reads them (range 0 .. 10.24 V).
+
+    scale_error is how far each sensor's gain is off, as a share of it: four values, or one number within which the
+    run's seed draws all four.
+    """
 
     gain_V_cm: Annotated[float, within(0.01, 10.0)]
     noise_V: Annotated[float, within(0.0, 1.0)]
+    scale_error: Annotated[float | tuple[float, ...], per_part(4, -0.5, 0.5)] = 0.0
     adc_bits: Annotated[int, one_of(0, 12, 16)]
 
 
@@ -63,15 +79,17 @@ class NodeSettings(Table):
 
 
 class EmulatorSettings(Table):
-    """The whole of emulator.toml."""
+    """The whole of emulator.toml.
 
+    parameter_spread : outlets, pump gains and valve splits lie this far from the file's values at most, as a share of
+    them; the run's seed draws each (see `firmware_sim.draw`).
+    """
+
+    parameter_spread: Annotated[float, within(0.0, 0.5)] = 0.0
     tanks: TankSettings
     pumps: PumpSettings
     sensors: SensorSettings
     nodes: NodeSettings
-
-
-_FAULTS = TypeAdapter(tuple[PumpEffectiveness, ...])
 
 
 def default_config_dir() -> Path:
@@ -123,12 +141,36 @@ def equilibrium_cm(settings: EmulatorSettings) -> tuple[float, float, float, flo
     return h[0], h[1], h[2], h[3]
 
 
+def _extremes(settings: EmulatorSettings) -> tuple[EmulatorSettings, ...]:
+    """The settings, and those with the largest inflow and smallest outlets that the spread allows."""
+    spread, tanks, pumps = settings.parameter_spread, settings.tanks, settings.pumps
+    if not spread:
+        return (settings,)
+    smallest = tanks.model_copy(update={"outlet_cm2": tuple(a * (1.0 - spread) for a in tanks.outlet_cm2)})
+    gains = tuple(k * (1.0 + spread) for k in pumps.gain_cm3_Vs)
+    g1, g2 = pumps.valve_split
+    splits = [(g1 * (1 + s1 * spread), g2 * (1 + s2 * spread)) for s1 in (-1, 1) for s2 in (-1, 1)]
+    return tuple(
+        settings.model_copy(
+            update={
+                "tanks": smallest,
+                "pumps": pumps.model_copy(
+                    update={"gain_cm3_Vs": gains, "valve_split": (min(split[0], 1.0), min(split[1], 1.0))}
+                ),
+            }
+        )
+        for split in splits
+    )
+
+
 def _check_start(settings: EmulatorSettings, file: Path | None) -> None:
-    highest_cm = max(equilibrium_cm(settings))
+    spread = settings.parameter_spread
+    highest_cm = max(max(equilibrium_cm(extreme)) for extreme in _extremes(settings))
     if highest_cm > settings.tanks.height_cm:
         start_V = list(settings.tanks.start_V)
+        may = f" can, with parameter_spread = {spread:g}, hold" if spread else " holds"
         raise SettingsError(
-            f"{file}: tanks.start_V = {start_V}: holds a level of {highest_cm:.2f} cm, "
+            f"{file}: tanks.start_V = {start_V}:{may} a level of {highest_cm:.2f} cm, "
             f"which is outside 0 .. {settings.tanks.height_cm:g} cm"
         )
 
@@ -137,11 +179,22 @@ def _faults(story: dict[str, Any], scenario: Path | None) -> tuple[Fault, ...]:
     entries = story.get("fault", [])
     if not isinstance(entries, list):
         raise SettingsError(f"{scenario}: fault = {entries!r}: must be an array of tables, [[fault]]")
+    return tuple(_fault(entry, f"{scenario}: fault[{index}]") for index, entry in enumerate(entries))
+
+
+def _fault(entry: object, where: str) -> Fault:
+    if not isinstance(entry, dict):
+        raise SettingsError(f"{where} = {entry!r}: must be a table")
+    if "kind" not in entry:
+        raise SettingsError(f"{where}.kind: key is missing")
+    kind = entry["kind"]
+    if not isinstance(kind, str) or kind not in KINDS:
+        raise SettingsError(f"{where}.kind = {kind!r}: must be one of {', '.join(KINDS)}")
     try:
-        return _FAULTS.validate_python(tuple(entries))
+        return cast(Fault, KINDS[kind].model_validate(entry))
     except ValidationError as error:
         path, what = _first(error)
-        raise SettingsError(f"{scenario}: {_dotted(('fault', *path))}{what}") from None
+        raise SettingsError(f"{where}.{_dotted(path)}{what}") from None
 
 
 def _read_text(file: Path) -> str:

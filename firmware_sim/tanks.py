@@ -8,19 +8,24 @@ State: levels h1 .. h4 in cm (1, 2 lower; 3 drains into 1, 4 into 2) and flow vo
     A4 h4' = -a4 sqrt(2 g h4) + (1 - gamma1) k1 e1 w1
     lag w' = v - w
 
-v is the voltage at the pump's terminals, e its effectiveness (1: healthy). The lag is solved exactly for a
-constant v, the levels by the classical Runge-Kutta method. A tank that is full stays full and spills the rest
+v is the voltage at the pump's terminals, e its effectiveness (1: healthy). A blocked outlet has a smaller a; a leak is
+a hole of its own in the bottom, with the same square root law, whose water leaves the rig. The lag is solved exactly
+for a constant v, the levels by the classical Runge-Kutta method. A tank that is full stays full and spills the rest
 out of the rig; an empty tank gives nothing. Volumes are counted with the weights of the integration, so that
 
-    pumped = drained + spilled + change of contents
+    pumped + stirred = drained + spilled + change of contents
 
-holds but for rounding, whatever happens.
+holds but for rounding, whatever happens. Drained is what left through the lower outlets and through leaks, stirred what
+turbulence added or took.
 """
 
 import math
 from collections.abc import Callable
 from copy import copy
+from dataclasses import replace
 
+from firmware_sim.draw import parts
+from firmware_sim.faults.effects import Effects
 from firmware_sim.settings import EmulatorSettings, equilibrium_cm
 
 LONGEST_STEP_S = 0.02
@@ -28,13 +33,17 @@ LONGEST_STEP_S = 0.02
 Slopes = Callable[[float, float, float, float, float, float], tuple[float, float, float, float, float, float]]
 
 
-def slopes_of(settings: EmulatorSettings) -> Slopes:
+def slopes_of(settings: EmulatorSettings, effects: Effects) -> Slopes:
     """Eq. (1) as a function (h1, h2, h3, h4, e1 w1, e2 w2) -> (h1', h2', h3', h4', outflow 1, outflow 2).
 
-    All six results are in cm/s; the outflows are those of the lower tanks over their own areas.
+    All six results are in cm/s; the outflows are those of the lower tanks over their own areas, each with the leaks of
+    its side.
     """
-    (A1, A2, A3, A4), a = settings.tanks.area_cm2, settings.tanks.outlet_cm2
-    (k1, k2), (gamma1, gamma2) = settings.pumps.gain_cm3_Vs, settings.pumps.valve_split
+    if any(effects.leak):
+        return _leaking_slopes_of(settings, effects)
+    A1, A2, A3, A4 = settings.tanks.area_cm2
+    a = _outlets_cm2(settings, effects)
+    (k1, k2), (gamma1, gamma2) = settings.pumps.gain_cm3_Vs, _splits(settings, effects)
     speed = math.sqrt(2.0 * settings.tanks.gravity_cm_s2)
     c1, c2, c3, c4 = a[0] * speed / A1, a[1] * speed / A2, a[2] * speed / A3, a[3] * speed / A4
     r31, r42 = A3 / A1, A4 / A2
@@ -53,25 +62,76 @@ def slopes_of(settings: EmulatorSettings) -> Slopes:
     return slopes
 
 
+def _leaking_slopes_of(settings: EmulatorSettings, effects: Effects) -> Slopes:
+    """As `slopes_of`: the same tanks with some water gone from the level's own flow, and counted as outflow."""
+    tight = slopes_of(settings, replace(effects, leak=[0.0] * 4))
+    A1, A2, A3, A4 = areas_cm2 = settings.tanks.area_cm2
+    speed = math.sqrt(2.0 * settings.tanks.gravity_cm_s2)
+    holes = zip(effects.leak, settings.tanks.outlet_cm2, areas_cm2, strict=True)
+    c1, c2, c3, c4 = (share * a * speed / area_cm2 for share, a, area_cm2 in holes)
+    r31, r42 = A3 / A1, A4 / A2
+    sqrt = math.sqrt
+
+    def slopes(
+        h1: float, h2: float, h3: float, h4: float, f1: float, f2: float
+    ) -> tuple[float, float, float, float, float, float]:
+        s1, s2, s3, s4, q1, q2 = tight(h1, h2, h3, h4, f1, f2)
+        l1 = c1 * sqrt(h1) if h1 > 0.0 else 0.0
+        l2 = c2 * sqrt(h2) if h2 > 0.0 else 0.0
+        l3 = c3 * sqrt(h3) if h3 > 0.0 else 0.0
+        l4 = c4 * sqrt(h4) if h4 > 0.0 else 0.0
+        return s1 - l1, s2 - l2, s3 - l3, s4 - l4, q1 + l1 + r31 * l3, q2 + l2 + r42 * l4
+
+    return slopes
+
+
+def _outlets_cm2(settings: EmulatorSettings, effects: Effects) -> tuple[float, ...]:
+    outlets = zip(settings.tanks.outlet_cm2, effects.blocked, strict=True)
+    return tuple(a * (1.0 - blocked) for a, blocked in outlets)
+
+
+def _splits(settings: EmulatorSettings, effects: Effects) -> tuple[float, float]:
+    (own1, own2), (new1, new2) = settings.pumps.valve_split, effects.valve_split
+    return own1 if new1 is None else new1, own2 if new2 is None else new2
+
+
 class Tanks:
     """Levels, flow voltages and volume counters; starts in the equilibrium of start_V, pumps at rest."""
 
     def __init__(self, settings: EmulatorSettings) -> None:
-        self._slopes = slopes_of(settings)
+        self._settings = settings
+        self._slopes = slopes_of(settings, Effects())
         self._area_cm2 = settings.tanks.area_cm2
         self._height_cm = settings.tanks.height_cm
         self._gain = settings.pumps.gain_cm3_Vs
-        self._lag_s = settings.pumps.lag_s
+        self._lags_s = self._own_lags_s = parts(settings.pumps.lag_s, 2)
         self.levels_cm = equilibrium_cm(settings)
         self.flow_V = (0.0, 0.0)
         self.pumped_cm3 = 0.0
         self.drained_cm3 = 0.0
         self.spilled_cm3 = 0.0
+        self.stirred_cm3 = 0.0
 
     @property
     def contents_cm3(self) -> float:
         """Water in all four tanks."""
         return sum(area * level for area, level in zip(self._area_cm2, self.levels_cm, strict=True))
+
+    def obey(self, effects: Effects) -> None:
+        """Take leaks, blocked outlets, valve splits and lags from the effects, from now on."""
+        self._slopes = slopes_of(self._settings, effects)
+        lags = zip(self._own_lags_s, effects.lag_s, strict=True)
+        self._lags_s = tuple(own_s if new_s is None else new_s for own_s, new_s in lags)
+
+    def stir(self, volumes_cm3: list[float]) -> None:
+        """Add a volume to each tank (below 0: take it), as far as there is room or water."""
+        top_cm = self._height_cm
+        levels_cm = []
+        for level_cm, area_cm2, volume_cm3 in zip(self.levels_cm, self._area_cm2, volumes_cm3, strict=True):
+            levels_cm.append(min(max(level_cm + volume_cm3 / area_cm2, 0.0), top_cm))
+            self.stirred_cm3 += (levels_cm[-1] - level_cm) * area_cm2
+        h1, h2, h3, h4 = levels_cm
+        self.levels_cm = (h1, h2, h3, h4)
 
     def copy(self) -> "Tanks":
         """Return a second plant in the same state; all of that state is immutable values."""
@@ -121,13 +181,16 @@ class Tanks:
     ) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
         """Flow voltages at the start, middle and end of a step: w = v + (w0 - v) exp(-t / lag)."""
         v1, v2 = applied_V
-        if self._lag_s <= 0.0:
+        lag1_s, lag2_s = self._lags_s
+        if lag1_s <= 0.0 and lag2_s <= 0.0:
             return applied_V, applied_V, applied_V
         w1, w2 = self.flow_V
-        half = math.exp(-0.5 * dt_s / self._lag_s)
-        full = half * half
-        middle = (v1 + (w1 - v1) * half, v2 + (w2 - v2) * half)
-        return self.flow_V, middle, (v1 + (w1 - v1) * full, v2 + (w2 - v2) * full)
+        half1 = math.exp(-0.5 * dt_s / lag1_s) if lag1_s > 0.0 else 0.0
+        half2 = half1 if lag2_s == lag1_s else math.exp(-0.5 * dt_s / lag2_s) if lag2_s > 0.0 else 0.0
+        full1, full2 = half1 * half1, half2 * half2
+        start = (w1 if lag1_s > 0.0 else v1, w2 if lag2_s > 0.0 else v2)
+        middle = (v1 + (w1 - v1) * half1, v2 + (w2 - v2) * half2)
+        return start, middle, (v1 + (w1 - v1) * full1, v2 + (w2 - v2) * full2)
 
     def _bounded(self, h1: float, h2: float, h3: float, h4: float) -> tuple[float, float, float, float]:
         """Keep levels in 0 .. height: what is above spills; what an empty tank gave too much is taken back."""

@@ -166,9 +166,12 @@ def _limits(rig: Rig) -> Limits:
 def _detector(scenario: Scenario) -> FaultDetector:
     if scenario.diagnosis.method == "none":
         return NoDetector()
-    return IdealDetector(tuple(_pump_fault(fault) for fault in scenario.fault), scenario.diagnosis.delay_s)
+    known = tuple(known for fault in scenario.fault if (known := _pump_fault(fault)) is not None)
+    return IdealDetector(known, scenario.diagnosis.delay_s)
 
 
-def _pump_fault(fault: Fault) -> PumpFault:
+def _pump_fault(fault: Fault) -> PumpFault | None:
+    if fault.effectiveness is None:
+        return None
     until_s = float("inf") if fault.until_s is None else fault.until_s
-    return PumpFault(fault.at_s, fault.target, fault.value, until_s)
+    return PumpFault(fault.at_s, int(fault.target), fault.effectiveness, until_s)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from hil.edge.settings import (
     LONGEST_S,
@@ -15,7 +15,6 @@ from hil.edge.settings import (
     NotNegative,
     Positive,
     Section,
-    Share,
     read_toml,
     validated,
 )
@@ -44,14 +43,76 @@ class Reference(Section):
         return self
 
 
+FaultKind = Literal[
+    "pump_effectiveness",
+    "pump_dead",
+    "pump_stuck_on",
+    "pump_lag",
+    "valve_split",
+    "reservoir_low",
+    "leak",
+    "outlet_block",
+    "sensor_bias",
+    "sensor_drift",
+    "sensor_noise",
+    "sensor_stuck",
+    "sensor_open",
+    "sensor_garbage",
+    "frame_loss",
+    "frame_burst",
+    "frame_delay",
+    "frame_duplicate",
+    "frame_reorder",
+    "frame_corrupt",
+    "counter_stuck",
+    "wrong_length",
+    "wrong_id",
+    "extended_id",
+    "remote_frame",
+    "babble",
+    "foreign_command",
+    "error_frames",
+    "bus_off",
+    "node_reboot",
+    "node_silent",
+    "heartbeat_stop",
+    "clock_jump",
+]
+
+
 class Fault(Section):
-    """A fault that the emulator plays and the ideal diagnosis knows of."""
+    """A fault that the emulator plays; of these the ideal diagnosis knows lost pumps.
+
+    The emulator decides what target and value each other kind needs.
+    """
 
     at_s: NotNegative
-    kind: Literal["pump_effectiveness"]
-    target: Literal[1, 2]
-    value: Share
+    kind: FaultKind
+    target: Annotated[Any, Field(validate_default=True)] = None
+    value: Annotated[Finite | None, Field(validate_default=True)] = None
     until_s: Positive | None = None
+
+    @property
+    def effectiveness(self) -> float | None:
+        """What this fault leaves of a pump's gain; None if it is of another kind."""
+        return 0.0 if self.kind == "pump_dead" else self.value if self.kind == "pump_effectiveness" else None
+
+    @field_validator("target")
+    @classmethod
+    def _is_a_number_or_name(cls, target: Any, info: ValidationInfo) -> int | str | None:
+        is_number = isinstance(target, int) and not isinstance(target, bool)
+        if info.data.get("kind") in ("pump_effectiveness", "pump_dead") and not (is_number and target in (1, 2)):
+            raise ValueError("must be pump 1 or 2")
+        if not (is_number or target is None or isinstance(target, str)):
+            raise ValueError("must be a whole number or a name")
+        return target  # type: ignore[no-any-return]
+
+    @field_validator("value")
+    @classmethod
+    def _is_a_share(cls, value: float | None, info: ValidationInfo) -> float | None:
+        if info.data.get("kind") == "pump_effectiveness" and (value is None or not 0.0 <= value <= 1.0):
+            raise ValueError("must lie in 0..1")
+        return value
 
     @model_validator(mode="after")
     def _ends_after_it_began(self) -> Self:

@@ -1,0 +1,59 @@
+"""What every kind of fault has: an onset, perhaps an end, and `apply`. Times are seconds of scenario time."""
+
+from typing import Annotated, Any, Protocol, get_args
+
+from pydantic import ValidationInfo, field_validator
+from pydantic_core import PydanticCustomError
+
+from firmware_sim.checks import Table, one_of, within
+from firmware_sim.faults.effects import Effects, Episode
+
+LONGEST_S = 1e7
+
+PumpNumber = Annotated[int, one_of(1, 2)]
+TankNumber = Annotated[int, one_of(1, 2, 3, 4)]
+Share = Annotated[float, within(0.0, 1.0)]
+Volt = Annotated[float, within(0.0, 10.0)]
+
+
+class Fault(Protocol):
+    """One fault; times in seconds from the moment t = 0 of the scenario, or from its injection."""
+
+    @property
+    def kind(self) -> str:
+        """Its name."""
+
+    @property
+    def target(self) -> int | str:
+        """What it befalls."""
+
+    @property
+    def at_s(self) -> float:
+        """Onset."""
+
+    @property
+    def until_s(self) -> float | None:
+        """End, or None: it stays."""
+
+    def apply(self, effects: Effects, episode: Episode) -> None:
+        """Write this fault into the effects."""
+
+
+class FaultTable(Table):
+    """A [[fault]] of a scenario."""
+
+    at_s: Annotated[float, within(0.0, LONGEST_S)]
+    until_s: Annotated[float, within(0.0, LONGEST_S)] | None = None
+
+    @field_validator("until_s")
+    @classmethod
+    def _ends_after_onset(cls, until_s: float | None, info: ValidationInfo) -> float | None:
+        at_s: Any = info.data.get("at_s")
+        if until_s is not None and at_s is not None and until_s <= at_s:
+            raise PydanticCustomError("order", "must be later than at_s = {at_s}", {"at_s": at_s})
+        return until_s
+
+
+def kind_of(table: type[FaultTable]) -> str:
+    """Name of a kind of fault, from the literal type of its `kind`."""
+    return str(get_args(table.model_fields["kind"].annotation)[0])

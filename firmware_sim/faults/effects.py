@@ -1,0 +1,113 @@
+"""What the faults that are active now do to the rig. Faults write here; plant and nodes read here.
+
+Lists are in the order pump 1, 2 or tank 1, 2, 3, 4. A fresh `Effects` is a healthy rig.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+
+from firmware_sim.wire import ChannelStatus
+
+NS_PER_S = 1_000_000_000
+FAULT_STREAM = 3
+
+Reading = tuple[float, ChannelStatus]
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Codes:
+    """What a converter can say: codes 0 .. top, each worth step_V."""
+
+    top: int
+    step_V: float
+
+
+class Override(Protocol):
+    """Puts something else in the place of a channel's reading."""
+
+    def __call__(self, fresh: Reading, last: Reading | None, codes: Codes) -> Reading:
+        """Return the reading to send for a fresh one and the one that was sent last."""
+
+
+@dataclass
+class ChannelEffects:
+    """What is wrong with one level channel: an added signal in V, then what replaces the converter's reading."""
+
+    bias_V: float = 0.0
+    drift_V: Callable[[int], float] | None = None
+    noise_V: Callable[[], float] | None = None
+    overrides: list[Override] = field(default_factory=list)
+
+    def signal(self, now_ns: int) -> float:
+        """Signal on top of the sensor's own, in V; draws the next noise."""
+        added_V = self.bias_V
+        if self.drift_V is not None:
+            added_V += self.drift_V(now_ns)
+        if self.noise_V is not None:
+            added_V += self.noise_V()
+        return added_V
+
+    def replaced(self, fresh: Reading, last: Reading | None, codes: Codes) -> Reading:
+        """Reading after all overrides; every one is asked, the one that began last is heard."""
+        reading = fresh
+        for override in self.overrides:
+            reading = override(fresh, last, codes)
+        return reading
+
+
+@dataclass
+class Effects:
+    """Everything that is wrong now; a healthy rig by default.
+
+    effectiveness : share of a pump's flow that is left. stuck_on_V : what a pump gets whatever its node puts out.
+    lag_s : a pump's new lag. valve_split : a pump's new gamma. is_dry : whether the pumps move air.
+    leak : area of a hole as a share of the tank's outlet. blocked : share of the outlet that is shut.
+    channels : level channels with faults, by index 0 .. 3.
+    """
+
+    effectiveness: list[float] = field(default_factory=lambda: [1.0, 1.0])
+    stuck_on_V: list[float | None] = field(default_factory=lambda: [None, None])
+    lag_s: list[float | None] = field(default_factory=lambda: [None, None])
+    valve_split: list[float | None] = field(default_factory=lambda: [None, None])
+    is_dry: bool = False
+    leak: list[float] = field(default_factory=lambda: [0.0] * 4)
+    blocked: list[float] = field(default_factory=lambda: [0.0] * 4)
+    channels: dict[int, ChannelEffects] = field(default_factory=dict)
+
+    def channel(self, tank: int) -> ChannelEffects:
+        """Effects on the level channel of tank 1 .. 4, made when first asked for."""
+        return self.channels.setdefault(tank - 1, ChannelEffects())
+
+
+class Episode:
+    """One fault's time from onset to end, with its own random stream and what it has to remember."""
+
+    def __init__(self, seed: int, index: int, begin_ns: int, end_ns: int | None) -> None:
+        self.begin_ns = begin_ns
+        self.end_ns = end_ns
+        self._source = (seed, index)
+        self._random: np.random.Generator | None = None
+        self._memory: Any = None
+
+    @property
+    def random(self) -> np.random.Generator:
+        """The fault's own stream, fixed by the run's seed and the fault's number."""
+        if self._random is None:
+            seed, index = self._source
+            self._random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(FAULT_STREAM, index)))
+        return self._random
+
+    def memory(self, make: Callable[[], T]) -> T:
+        """What the fault made for itself when it first applied."""
+        if self._memory is None:
+            self._memory = make()
+        kept: T = self._memory
+        return kept
+
+    def is_active(self, now_ns: int) -> bool:
+        """Whether the fault has begun and not ended."""
+        return self.begin_ns <= now_ns and (self.end_ns is None or now_ns < self.end_ns)

@@ -1,0 +1,78 @@
+"""When faults act.
+
+Those of a scenario wait for its start (t = 0, when the pump node first enters run); those that are injected begin at
+once.
+
+Of two faults that set the same thing, the one that began later holds; when it ends, the earlier one holds again.
+Of two that begin at the same time, the one that stands later in the list holds.
+"""
+
+from collections.abc import Callable
+
+from firmware_sim.faults.base import Fault
+from firmware_sim.faults.effects import NS_PER_S, Effects, Episode
+
+
+class FaultSchedule:
+    """Runs faults on the emulator's clock. `seed` fixes what is random about them."""
+
+    def __init__(self, faults: tuple[Fault, ...], seed: int = 0) -> None:
+        self._waiting = faults
+        self._seed = seed
+        self._count = 0
+        self._entries: list[tuple[Episode, Fault]] = []
+        self._changes_ns: list[int] = []
+        self.effects = Effects()
+
+    @property
+    def next_ns(self) -> int | None:
+        """When the next fault begins or ends, or None."""
+        return self._changes_ns[0] if self._changes_ns else None
+
+    def start(self, now_ns: int) -> None:
+        """Make now the moment t = 0 of the scenario."""
+        waiting, self._waiting = self._waiting, ()
+        for fault in waiting:
+            self._add(fault, now_ns)
+        self._plan(now_ns - 1)
+
+    def inject(self, fault: Fault, now_ns: int) -> None:
+        """Let a fault begin now; its times count from now."""
+        self._add(fault, now_ns)
+        self._plan(now_ns - 1)
+
+    def end(self, is_meant: Callable[[Fault], bool], now_ns: int) -> int:
+        """End the active faults that are meant, and return how many there were."""
+        ended = [episode for episode, fault in self._entries if episode.is_active(now_ns) and is_meant(fault)]
+        for episode in ended:
+            episode.end_ns = now_ns
+        self._plan(now_ns - 1)
+        return len(ended)
+
+    def active(self, now_ns: int) -> tuple[Fault, ...]:
+        """The faults that are active now, in order of their onsets."""
+        return tuple(fault for episode, fault in self._entries if episode.is_active(now_ns))
+
+    def advance(self, now_ns: int) -> None:
+        """Bring `effects` to the faults that are active now."""
+        if not self._entries:
+            return
+        while self._changes_ns and self._changes_ns[0] <= now_ns:
+            del self._changes_ns[0]
+        self.effects = Effects()
+        for episode, fault in self._entries:
+            if episode.is_active(now_ns):
+                fault.apply(self.effects, episode)
+
+    def _add(self, fault: Fault, origin_ns: int) -> None:
+        until_s = fault.until_s
+        end_ns = None if until_s is None else origin_ns + round(until_s * NS_PER_S)
+        episode = Episode(self._seed, self._count, origin_ns + round(fault.at_s * NS_PER_S), end_ns)
+        self._count += 1
+        self._entries.append((episode, fault))
+        self._entries.sort(key=lambda entry: entry[0].begin_ns)
+
+    def _plan(self, after_ns: int) -> None:
+        times_ns = {episode.begin_ns for episode, _ in self._entries}
+        times_ns |= {episode.end_ns for episode, _ in self._entries if episode.end_ns is not None}
+        self._changes_ns = sorted(time_ns for time_ns in times_ns if time_ns > after_ns)
