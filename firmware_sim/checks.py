@@ -60,6 +60,31 @@ def one_of(*choices: int) -> BeforeValidator:
     return BeforeValidator(check)
 
 
+def whole(low: int, high: int) -> BeforeValidator:
+    """Accept a whole number in low .. high, which may be written as 3.0."""
+    allowed = {"low": low, "high": high}
+
+    def check(value: object) -> int:
+        if isinstance(value, bool) or not isinstance(value, int | float) or value != value // 1:
+            raise PydanticCustomError("whole", "must be a whole number in {low} .. {high}", allowed)
+        if not low <= value <= high:
+            raise PydanticCustomError("range", "is outside {low} .. {high}", allowed)
+        return int(value)
+
+    return BeforeValidator(check)
+
+
+def named(*names: str) -> BeforeValidator:
+    """Accept one of a few names."""
+
+    def check(value: object) -> str:
+        if not isinstance(value, str) or value not in names:
+            raise PydanticCustomError("name", "must be one of {names}", {"names": ", ".join(names)})
+        return value
+
+    return BeforeValidator(check)
+
+
 def listed(length: int) -> BeforeValidator:
     """Accept a list of exactly `length` entries."""
 

@@ -4,11 +4,14 @@ The numbers come from a stream of their own, always in the same order, so that s
 else. With all spreads at 0 the settings come back as they are.
 """
 
+import math
+
 import numpy as np
 
 from firmware_sim.settings import EmulatorSettings
 
 PARAMETER_STREAM = 1
+TURBULENCE_STREAM = 2
 SPLIT_RANGE = (1e-3, 1.0 - 1e-3)
 
 
@@ -37,6 +40,20 @@ def drawn(settings: EmulatorSettings, seed: int) -> EmulatorSettings:
         errors = tuple(sensors.scale_error * part for part in deviation[10:14])
         sensors = sensors.model_copy(update={"scale_error": errors})
     return settings.model_copy(update={"tanks": tanks, "pumps": pumps, "sensors": sensors})
+
+
+class Turbulence:
+    """Seeded volumes in cm3 that white flow noise brings into each tank within one level period."""
+
+    def __init__(self, settings: EmulatorSettings, seed: int) -> None:
+        root_s = math.sqrt(settings.nodes.levels_period_s)
+        self._std_cm3 = [part * root_s for part in parts(settings.tanks.turbulence_cm3_sqrt_s, 4)]
+        self._random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(TURBULENCE_STREAM,)))
+
+    def volumes_cm3(self) -> list[float]:
+        """Draw the next four."""
+        volumes_cm3: list[float] = self._random.normal(0.0, self._std_cm3).tolist()
+        return volumes_cm3
 
 
 def parts(value: float | tuple[float, ...], count: int) -> tuple[float, ...]:

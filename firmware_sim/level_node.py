@@ -11,7 +11,7 @@ import numpy as np
 
 from firmware_sim.draw import parts
 from firmware_sim.faults.effects import NS_PER_S, ChannelEffects, Codes, Reading
-from firmware_sim.pump_node import BOOT_COUNT, Change, Observer
+from firmware_sim.pump_node import BOOT_COUNT, BOOT_COUNT_MODULUS, Change, Observer
 from firmware_sim.settings import EmulatorSettings
 from firmware_sim.wire import (
     COUNTER_MODULUS,
@@ -76,13 +76,15 @@ class LevelNode:
         self._noise_V = settings.sensors.noise_V
         self._codes = codes_of(settings.sensors.adc_bits)
         self._converters = tuple(converter(settings.sensors.adc_bits) for _ in range(4))
-        self._boot_end_ns = round(settings.nodes.boot_s * NS_PER_S)
+        self._boot_ns = self._boot_end_ns = round(settings.nodes.boot_s * NS_PER_S)
+        self._boot_count = BOOT_COUNT
         self._fingerprint = fingerprint
         self._observer = observer
         self._random = np.random.default_rng(seed)
         self._noise: list[list[float]] = []
         self._readings: FourReadings | None = None
         self.channel_faults: dict[int, ChannelEffects] = {}
+        self.wall_ahead_ns = 0
         self._levels_counter = 0
         self._heartbeat_counter = 0
         self.state = NodeState.BOOT
@@ -103,6 +105,15 @@ class LevelNode:
         """Stop for good and report it in any case."""
         self.state = NodeState.READY
         self._report(now_ns, "shutdown")
+
+    def reboot(self, now_ns: int, power_ns: int) -> None:
+        """Forget everything and boot as soon as power is back at power_ns."""
+        self._readings = None
+        self._levels_counter = self._heartbeat_counter = 0
+        self._boot_count = (self._boot_count + 1) % BOOT_COUNT_MODULUS
+        self._boot_end_ns = power_ns + self._boot_ns
+        self.state = NodeState.BOOT
+        self._report(now_ns, "reboot")
 
     def levels(self, levels_cm: Quad, now_ns: int = 0) -> tuple[bytes, bytes]:
         """Payloads of the next LowerLevels and UpperLevels frames; now_ns only matters to a sensor that drifts."""
@@ -128,7 +139,7 @@ class LevelNode:
         """Payload of the next LevelHeartbeat frame."""
         counter = self._heartbeat_counter
         self._heartbeat_counter = (counter + 1) % COUNTER_MODULUS
-        return pack_heartbeat(LEVEL_HEARTBEAT_ID, self.state, counter, BOOT_COUNT, self._fingerprint)
+        return pack_heartbeat(LEVEL_HEARTBEAT_ID, self.state, counter, self._boot_count, self._fingerprint)
 
     def _disturbed(self, noise_V: Quad, now_ns: int) -> Quad:
         """Noise of the four sensors with what faults add to it."""
@@ -154,4 +165,4 @@ class LevelNode:
         return self._noise.pop()
 
     def _report(self, now_ns: int, cause: str) -> None:
-        self._observer(Change(now_ns, "level", self.state, (), cause))
+        self._observer(Change(now_ns, "level", self.state, (), cause, self.wall_ahead_ns))

@@ -8,6 +8,7 @@ Rules
            the deadline.
 - tripped  0 V, latched. Commands are accepted and echoed but change nothing, until one with ClearTrip = 1,
            Enable = 0 and both commands at 0 V: ready.
+- reboot (from anywhere): 0 V, boot, everything forgotten.
 - power-off (from anywhere): 0 V; run becomes ready, tripped stays tripped.
 
 A command is accepted if it is intact and in range (see wire.parse_command) and its counter is 1 to 8 steps
@@ -38,18 +39,20 @@ from firmware_sim.wire import (
 
 DAC_RANGE_V = 10.0
 BOOT_COUNT = 1
+BOOT_COUNT_MODULUS = 65536
 OFF_V = (0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A node's new state or new output voltages; t_ns on the emulator's clock."""
+    """A node's new state or new output voltages; t_ns on the emulator's clock, wall_ahead_ns to the node's own."""
 
     t_ns: int
     node: str
     state: NodeState
     applied_V: tuple[float, ...]
     cause: str
+    wall_ahead_ns: int = 0
 
 
 Observer = Callable[[Change], None]
@@ -69,7 +72,8 @@ class PumpNode:
     def __init__(self, settings: EmulatorSettings, fingerprint: int, observer: Observer) -> None:
         self._dac_bits = settings.pumps.dac_bits
         self._watchdog_ns = round(settings.nodes.watchdog_s * NS_PER_S)
-        self._boot_end_ns = round(settings.nodes.boot_s * NS_PER_S)
+        self._boot_ns = self._boot_end_ns = round(settings.nodes.boot_s * NS_PER_S)
+        self._boot_count = BOOT_COUNT
         self._fingerprint = fingerprint
         self._observer = observer
         self._last: tuple[int, int] | None = None  # counter and time of the last accepted command
@@ -81,6 +85,7 @@ class PumpNode:
         self.accepted = 0
         self.lost = 0
         self.rejected: Counter[Rejection] = Counter()
+        self.wall_ahead_ns = 0
         self._report(0, "boot")
 
     @property
@@ -126,6 +131,22 @@ class PumpNode:
             self.state = NodeState.READY
         self._report(now_ns, "shutdown")
 
+    @property
+    def next_counter(self) -> int:
+        """Counter that a next command would have."""
+        return 0 if self._last is None else (self._last[0] + 1) % COUNTER_MODULUS
+
+    def reboot(self, now_ns: int, power_ns: int) -> None:
+        """Forget everything, put the outputs at 0 V and boot as soon as power is back at power_ns."""
+        self._last = None
+        self._status_counter = self._heartbeat_counter = 0
+        self._boot_count = (self._boot_count + 1) % BOOT_COUNT_MODULUS
+        self._boot_end_ns = power_ns + self._boot_ns
+        self.accepted = self.lost = 0
+        self.trip_cause = TripCause.NONE
+        self.state, self.applied_V = NodeState.BOOT, OFF_V
+        self._report(now_ns, "reboot")
+
     def status(self) -> bytes:
         """Payload of the next PumpStatus frame."""
         echo = 0 if self._last is None else self._last[0]
@@ -137,7 +158,7 @@ class PumpNode:
         """Payload of the next PumpHeartbeat frame."""
         counter = self._heartbeat_counter
         self._heartbeat_counter = (counter + 1) % COUNTER_MODULUS
-        return pack_heartbeat(PUMP_HEARTBEAT_ID, self.state, counter, BOOT_COUNT, self._fingerprint)
+        return pack_heartbeat(PUMP_HEARTBEAT_ID, self.state, counter, self._boot_count, self._fingerprint)
 
     def _judge_counter(self, counter: int, now_ns: int) -> int | Rejection:
         if self._last is None or now_ns - self._last[1] > self._watchdog_ns:
@@ -168,4 +189,4 @@ class PumpNode:
         return cause
 
     def _report(self, now_ns: int, cause: str) -> None:
-        self._observer(Change(now_ns, "pump", self.state, self.applied_V, cause))
+        self._observer(Change(now_ns, "pump", self.state, self.applied_V, cause, self.wall_ahead_ns))

@@ -14,9 +14,10 @@ class ChangeRecord:
         self._stream = file.open("x", encoding="utf-8")
 
     def __call__(self, change: Change) -> None:
-        """Write one change as a line: t_s, node, state, applied_V, cause."""
+        """Write one change as a line: t_s, the node's own wall_s, node, state, applied_V, cause."""
         line = {
             "t_s": change.t_ns / NS_PER_S,
+            "wall_s": (change.t_ns + change.wall_ahead_ns) / NS_PER_S,
             "node": change.node,
             "state": change.state.name.lower(),
             "applied_V": list(change.applied_V),

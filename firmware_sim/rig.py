@@ -7,19 +7,19 @@ nanosecond of such an event comes after it.
 Results do not depend on how `advance` cuts time into pieces, nor on who asks for the truth.
 """
 
-import math
 from dataclasses import dataclass
 
-import numpy as np
 from can import Message
 
-from firmware_sim.draw import drawn, parts
+from firmware_sim.draw import Turbulence, drawn, parts
 from firmware_sim.faults import NS_PER_S, Fault, FaultSchedule
+from firmware_sim.faulty_wire import NOT_OURS, FaultyWire
 from firmware_sim.level_node import LevelNode, Quad
 from firmware_sim.pump_node import Change, Observer, PumpNode
 from firmware_sim.settings import EmulatorSettings
 from firmware_sim.tanks import Tanks
 from firmware_sim.wire import (
+    COMMAND_ID,
     LEVEL_HEARTBEAT_ID,
     LOWER_LEVELS_ID,
     PUMP_HEARTBEAT_ID,
@@ -32,7 +32,6 @@ from firmware_sim.wire import (
 
 NEVER_NS = 1 << 63
 NS_PER_H = 3600 * NS_PER_S
-TURBULENCE_STREAM = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,20 +50,6 @@ class Truth:
     spilled_cm3: float
     pump_state: NodeState
     faults: tuple[str, ...] = ()
-
-
-class _Turbulence:
-    """Seeded volumes in cm3 that white flow noise brings into each tank within one level period."""
-
-    def __init__(self, settings: EmulatorSettings, seed: int) -> None:
-        root_s = math.sqrt(settings.nodes.levels_period_s)
-        self._std_cm3 = [part * root_s for part in parts(settings.tanks.turbulence_cm3_sqrt_s, 4)]
-        self._random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(TURBULENCE_STREAM,)))
-
-    def volumes_cm3(self) -> list[float]:
-        """Draw the next four."""
-        volumes_cm3: list[float] = self._random.normal(0.0, self._std_cm3).tolist()
-        return volumes_cm3
 
 
 def _ignore(change: Change) -> None:
@@ -93,7 +78,7 @@ class Rig:
         self._faults = FaultSchedule(faults, seed)
         self._effectiveness = self._faults.effects.effectiveness
         self._wear_per_h = parts(settings.pumps.wear_per_h, 2)
-        self._turbulence = _Turbulence(settings, seed) if any(parts(settings.tanks.turbulence_cm3_sqrt_s, 4)) else None
+        self._turbulence = Turbulence(settings, seed) if any(parts(settings.tanks.turbulence_cm3_sqrt_s, 4)) else None
         self._is_ageing = self._turbulence is not None or any(self._wear_per_h)
         self._levels_period_ns = round(settings.nodes.levels_period_s * NS_PER_S)
         self._status_period_ns = round(settings.nodes.status_period_s * NS_PER_S)
@@ -105,6 +90,10 @@ class Rig:
         self._start_ns: int | None = None
         self._input_V = self._obeyed_V = self.pump.applied_V
         self._outbox: list[Message] = []
+        self._wire = FaultyWire(self._post, self._hear, lambda: self.pump.next_counter)
+        self._put = self._send
+        self._heard: Rejection | None = None
+        self._rebooted_ns = {"pump": -1, "level": -1}
         self._rare_ns = self._next_rare_ns()
 
     @property
@@ -138,11 +127,13 @@ class Rig:
         Raises ValueError if now_ns lies in the past.
         """
         self._catch_up(now_ns)
-        rejection = self.pump.receive(frame, now_ns)
-        if rejection is None:
-            self._follow_pump(now_ns)
+        self._heard = Rejection.LOST
+        if self._wire.is_active:
+            self._wire.carry(frame.arbitration_id if frame.arbitration_id == COMMAND_ID else NOT_OURS, frame, now_ns)
             self._rare_ns = self._next_rare_ns()
-        return rejection
+        else:
+            self._hear(frame, now_ns)
+        return self._heard
 
     def power_off(self, now_ns: int) -> None:
         """Put the outputs at 0 V, whatever the clock says."""
@@ -198,11 +189,11 @@ class Rig:
             self._send_levels(now_ns)
         if self._status_ns <= now_ns:
             self._status_ns += self._status_period_ns
-            self._send(STATUS_ID, self.pump.status(), now_ns)
+            self._put(STATUS_ID, self.pump.status(), now_ns)
         if self._heartbeat_ns <= now_ns:
             self._heartbeat_ns += self._heartbeat_period_ns
-            self._send(PUMP_HEARTBEAT_ID, self.pump.heartbeat(), now_ns)
-            self._send(LEVEL_HEARTBEAT_ID, self.level.heartbeat(), now_ns)
+            self._put(PUMP_HEARTBEAT_ID, self.pump.heartbeat(), now_ns)
+            self._put(LEVEL_HEARTBEAT_ID, self.level.heartbeat(), now_ns)
 
     def _happen_rarely(self, now_ns: int) -> None:
         self.pump.run_event(now_ns)
@@ -212,12 +203,13 @@ class Rig:
         if fault_ns is not None and fault_ns <= now_ns:
             self._move_tanks(now_ns)
             self._faults.advance(now_ns)
-            self._obey_faults()
+            self._obey_faults(now_ns)
+        self._wire.run_due(now_ns)
         self._rare_ns = self._next_rare_ns()
 
     def _next_rare_ns(self) -> int:
         """Due time of the next change of a node's state or of a fault; NEVER_NS if none is to come."""
-        due_ns = (self.pump.next_event_ns, self.level.next_event_ns, self._faults.next_ns)
+        due_ns = (self.pump.next_event_ns, self.level.next_event_ns, self._faults.next_ns, self._wire.next_ns)
         return min((time_ns for time_ns in due_ns if time_ns is not None), default=NEVER_NS)
 
     def _follow_pump(self, now_ns: int) -> None:
@@ -236,13 +228,22 @@ class Rig:
         (v1, v2), (stuck1, stuck2) = self._obeyed_V, self._faults.effects.stuck_on_V
         self._input_V = (v1 if stuck1 is None else stuck1, v2 if stuck2 is None else stuck2)
 
-    def _obey_faults(self) -> None:
+    def _obey_faults(self, now_ns: int) -> None:
         """Hand a changed set of faults to plant and nodes; the tanks stand at the moment of the change."""
         effects = self._faults.effects
         self._tanks.obey(effects)
         self._drive_pumps()
         self._set_effectiveness()
         self.level.channel_faults = effects.channels
+        self._wire.obey(effects, now_ns)
+        self._put = self._send_through_faults if self._wire.is_active else self._send
+        for name, node in (("pump", self.pump), ("level", self.level)):
+            node.wall_ahead_ns = effects.wall_ahead_ns.get(name, 0)
+            lost_ns, back_ns = effects.reboots.get(name, (-1, -1))
+            if lost_ns > self._rebooted_ns[name]:
+                self._rebooted_ns[name] = lost_ns
+                node.reboot(now_ns, back_ns)
+        self._follow_pump(now_ns)
 
     def _set_effectiveness(self) -> None:
         """What is left of the pumps' gains at the moment to which the tanks have moved."""
@@ -273,8 +274,22 @@ class Rig:
         if self.level.state is NodeState.RUN:
             self._move_tanks(now_ns)
             lower, upper = self.level.levels(self._tanks.levels_cm, now_ns)
-            self._send(LOWER_LEVELS_ID, lower, now_ns)
-            self._send(UPPER_LEVELS_ID, upper, now_ns)
+            self._put(LOWER_LEVELS_ID, lower, now_ns)
+            self._put(UPPER_LEVELS_ID, upper, now_ns)
+
+    def _hear(self, frame: Message, now_ns: int) -> None:
+        """Hand a frame to the pump node."""
+        self._heard = self.pump.receive(frame, now_ns)
+        if self._heard is None:
+            self._follow_pump(now_ns)
+            self._rare_ns = self._next_rare_ns()
+
+    def _post(self, frame: Message) -> None:
+        self._outbox.append(frame)
+
+    def _send_through_faults(self, can_id: int, payload: bytes, now_ns: int) -> None:
+        frame = Frame(now_ns / NS_PER_S, can_id, is_extended_id=False, data=payload, is_rx=False)
+        self._wire.carry(can_id, frame, now_ns)
 
     def _send(self, can_id: int, payload: bytes, now_ns: int) -> None:
         self._outbox.append(Frame(now_ns / NS_PER_S, can_id, is_extended_id=False, data=payload, is_rx=False))

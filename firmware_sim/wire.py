@@ -28,6 +28,25 @@ DATA_IDS = {
     LEVEL_HEARTBEAT_ID: 12034,
 }
 
+FRAME_IDS = {
+    "PumpCommand": COMMAND_ID,
+    "PumpStatus": STATUS_ID,
+    "LowerLevels": LOWER_LEVELS_ID,
+    "UpperLevels": UPPER_LEVELS_ID,
+    "PumpHeartbeat": PUMP_HEARTBEAT_ID,
+    "LevelHeartbeat": LEVEL_HEARTBEAT_ID,
+}
+
+# Byte of a frame's counter, and by how many bits it is shifted there.
+COUNTER_AT = {
+    COMMAND_ID: (4, 4),
+    STATUS_ID: (5, 4),
+    LOWER_LEVELS_ID: (5, 0),
+    UPPER_LEVELS_ID: (5, 0),
+    PUMP_HEARTBEAT_ID: (0, 4),
+    LEVEL_HEARTBEAT_ID: (0, 4),
+}
+
 RAW_PER_V = 5000.0
 COMMAND_LENGTH = 6
 COMMAND_RAW_MAX = 50_000
@@ -78,9 +97,35 @@ class Frame(Message):
         return self
 
 
-class Rejection(Enum):
-    """Why a frame was not taken as a command."""
+def remade(
+    frame: Message,
+    *,
+    timestamp_s: float | None = None,
+    can_id: int | None = None,
+    data: bytes | None = None,
+    is_extended: bool = False,
+    is_remote: bool = False,
+) -> Frame:
+    """Return a frame like this one but for what is given; a remote frame keeps the length and has no data."""
+    payload = bytes(frame.data) if data is None else data
+    becomes_remote = is_remote or frame.is_remote_frame
+    return Frame(
+        frame.timestamp if timestamp_s is None else timestamp_s,
+        frame.arbitration_id if can_id is None else can_id,
+        is_extended_id=is_extended or frame.is_extended_id,
+        is_remote_frame=becomes_remote,
+        is_error_frame=frame.is_error_frame,
+        is_fd=frame.is_fd,
+        dlc=frame.dlc if data is None else len(payload),
+        data=None if becomes_remote else payload,
+        is_rx=frame.is_rx,
+    )
 
+
+class Rejection(Enum):
+    """Why a frame was not taken as a command; lost: a fault kept it from the node, which knows nothing of it."""
+
+    LOST = "lost"
     FOREIGN = "foreign"
     ERROR = "error"
     FD = "fd"
@@ -139,6 +184,13 @@ def sealed(can_id: int, payload: bytes) -> bytes:
 def volts_to_raw(voltage_V: float) -> int:
     """Nearest multiple of 0.2 mV; the caller keeps to 0 .. 13.107 V."""
     return int(voltage_V * RAW_PER_V + 0.5)
+
+
+def pack_command(command_V: tuple[float, float], counter: int) -> bytes:
+    """PumpCommand with Enable = 1: voltages 0 .. 10 V, counter taken modulo 16."""
+    flags = 1 | (counter % COUNTER_MODULUS) << 4
+    payload = _COMMAND.pack(volts_to_raw(command_V[0]), volts_to_raw(command_V[1]), flags, 0)
+    return sealed(COMMAND_ID, payload[:-1])
 
 
 def pack_status(

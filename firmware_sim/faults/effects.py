@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
+from can import Message
 
 from firmware_sim.wire import ChannelStatus
 
@@ -31,6 +32,30 @@ class Override(Protocol):
 
     def __call__(self, fresh: Reading, last: Reading | None, codes: Codes) -> Reading:
         """Return the reading to send for a fresh one and the one that was sent last."""
+
+
+class Stage(Protocol):
+    """Something that a frame has to pass."""
+
+    def __call__(self, frame: Message) -> list[Message]:
+        """Return what goes on in its place, now."""
+
+    def rest(self) -> list[Message]:
+        """Return what is still held back, when the fault ends."""
+
+
+@dataclass(eq=False)
+class Source:
+    """A stranger on the bus: a frame every period_ns, made from the time in ns and the counter of a next command."""
+
+    period_ns: int
+    next_ns: int
+    frame: Callable[[int, int], Message]
+
+    def skip_to(self, now_ns: int) -> None:
+        """Leave out what would have been due before now."""
+        if self.next_ns < now_ns:
+            self.next_ns += -((self.next_ns - now_ns) // self.period_ns) * self.period_ns
 
 
 @dataclass
@@ -66,7 +91,10 @@ class Effects:
     effectiveness : share of a pump's flow that is left. stuck_on_V : what a pump gets whatever its node puts out.
     lag_s : a pump's new lag. valve_split : a pump's new gamma. is_dry : whether the pumps move air.
     leak : area of a hole as a share of the tank's outlet. blocked : share of the outlet that is shut.
-    channels : level channels with faults, by index 0 .. 3.
+    channels : level channels with faults, by index 0 .. 3. stages, delay_ns : what frames pass through, by identifier
+    (stages in the order of their numbers). muted : identifiers that don't get through. is_bus_off : nothing does.
+    is_jammed : only strangers do. sources : those strangers. reboots : a node's last loss of power and when it came
+    back, in ns. wall_ahead_ns : by how much a node's wall clock is ahead.
     """
 
     effectiveness: list[float] = field(default_factory=lambda: [1.0, 1.0])
@@ -77,6 +105,14 @@ class Effects:
     leak: list[float] = field(default_factory=lambda: [0.0] * 4)
     blocked: list[float] = field(default_factory=lambda: [0.0] * 4)
     channels: dict[int, ChannelEffects] = field(default_factory=dict)
+    stages: dict[int, dict[int, Stage]] = field(default_factory=dict)
+    delay_ns: dict[int, int] = field(default_factory=dict)
+    muted: set[int] = field(default_factory=set)
+    is_bus_off: bool = False
+    is_jammed: bool = False
+    sources: dict[str, Source] = field(default_factory=dict)
+    reboots: dict[str, tuple[int, int]] = field(default_factory=dict)
+    wall_ahead_ns: dict[str, int] = field(default_factory=dict)
 
     def channel(self, tank: int) -> ChannelEffects:
         """Effects on the level channel of tank 1 .. 4, made when first asked for."""
