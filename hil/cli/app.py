@@ -153,6 +153,32 @@ def run(
 
 
 @app.command()
+def campaign(
+    spec: Annotated[
+        Path, typer.Argument(metavar="DIR|SPEC.toml", help="A campaign file, a scenario, or a folder of scenarios.")
+    ],
+    seeds: Annotated[Optional[int], typer.Option(min=1, help="Seeds a case. Default: the file's, else 10.")] = None,
+    first_seed: Annotated[Optional[int], typer.Option(min=0, help="Default: the file's, else 1.")] = None,
+    out: Annotated[
+        Optional[Path],
+        typer.Option("--out", metavar="DIR", help="Its folder; runs that are in it are not made again."),
+    ] = None,
+    duration: Duration = None,
+    config: ConfigDir = None,
+    processes: Annotated[Optional[int], typer.Option(min=1, help="Default: one a core; 1 needs no Dask.")] = None,
+    scheduler: Annotated[
+        Optional[str], typer.Option(metavar="ADDRESS", help="A Dask cluster's scheduler: tcp://host:8786.")
+    ] = None,
+    report: ReportChoice = True,
+) -> None:
+    """Run scenarios times faults times seeds over all cores; table of outcomes, report. 3: an invariant was broken."""
+    from hil.cli import campaign as campaigns
+
+    options = campaigns.Options(out, config, seeds, first_seed, duration or None, processes, scheduler, report)
+    raise typer.Exit(campaigns.run(Console(), spec, options))
+
+
+@app.command()
 def demo(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the runs.")] = Path("runs"),
     config: ConfigDir = None,

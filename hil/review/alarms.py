@@ -15,8 +15,11 @@ from typing import Any
 from hil.core.types import UNRESOLVED
 
 TIME_TOLERANCE_S = 1e-6
-PROCESS_FAULTS = ("pump_", "valve_", "leak", "outlet_", "sensor_")
+PROCESS_FAULTS = ("pump_", "valve_", "leak", "outlet_", "sensor_", "reservoir_")
 """How the kinds begin that a diagnosis of the process can be asked for; the others are the bus's and the nodes'."""
+
+ALSO_CALLED = {"pump_dead": "pump_effectiveness"}
+"""Kinds that may be told by a more general name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,15 +50,20 @@ class Injected:
     """A fault that was really there; fields as in a scenario's [[fault]]. until_s : inf when it stays."""
 
     kind: str
-    target: int
+    target: Any
     value: float
     at_s: float
     until_s: float = math.inf
 
     @property
-    def name(self) -> str:
+    def kinds(self) -> tuple[str, ...]:
+        """What a diagnosis may call it."""
+        return tuple(filter(None, (self.kind, ALSO_CALLED.get(self.kind))))
+
+    @property
+    def names(self) -> tuple[str, ...]:
         """As candidates are named."""
-        return f"{self.kind} {self.target}"
+        return tuple(f"{kind} {self.target}" for kind in self.kinds)
 
     @property
     def is_of_the_process(self) -> bool:
@@ -67,13 +75,23 @@ class Injected:
 class Verdict:
     """Findings set against what was there.
 
-    answers : for each injected fault the finding that speaks of it, None where it was missed. false : findings while
+    answers : for each of `faults` the finding that speaks of it, None where it was missed. false : findings while
     nothing was wrong yet. spurious : findings after that which speak of no injected fault.
     """
 
+    faults: tuple[Injected, ...]
     answers: tuple[Finding | None, ...]
     false: tuple[Finding, ...]
     spurious: tuple[Finding, ...]
+
+    @property
+    def is_right(self) -> bool:
+        """Whether every fault of the process is named as it is, and nothing but what is there."""
+        asked = [
+            (fault, answer) for fault, answer in zip(self.faults, self.answers, strict=True) if fault.is_of_the_process
+        ]
+        named = all(answer is not None and _names(answer, fault) for fault, answer in asked)
+        return named and not self.false and not self.spurious
 
 
 def merged(alarms: Iterable[Mapping[str, Any]]) -> tuple[Finding, ...]:
@@ -102,7 +120,7 @@ def injected(faults: Iterable[Mapping[str, Any]]) -> tuple[Injected, ...]:
     found = [
         Injected(
             str(fault["kind"]),
-            int(fault.get("target") or 0),
+            fault.get("target") or 0,
             float(fault.get("value") or 0.0),
             float(fault["at_s"]),
             math.inf if fault.get("until_s") is None else float(fault["until_s"]),
@@ -125,7 +143,7 @@ def judge(faults: Sequence[Injected], findings: Sequence[Finding]) -> Verdict:
             if answers[index] is None and match is not None:
                 answers[index] = match
                 left.remove(match)
-    return Verdict(tuple(answers), false, tuple(left))
+    return Verdict(tuple(faults), tuple(answers), false, tuple(left))
 
 
 def _first(number: int, alarm: Mapping[str, Any]) -> Finding:
@@ -162,7 +180,7 @@ def _isolated_s(alarm: Mapping[str, Any]) -> float | None:
 
 
 def _names(finding: Finding, fault: Injected) -> bool:
-    return (finding.kind, finding.target) == (fault.kind, fault.target) and _follows(finding, fault)
+    return finding.kind in fault.kinds and finding.target == fault.target and _follows(finding, fault)
 
 
 def _follows(finding: Finding, fault: Injected) -> bool:

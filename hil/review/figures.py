@@ -87,7 +87,7 @@ def thin(times_s: Floats, values: Floats, most: int = _MOST_POINTS) -> tuple[Flo
 
 def actuator_gains(trace: Trace) -> str:
     """Figure 2: what is left of each pump's gain, as diagnosed, over what was done to the pumps."""
-    figure, (axes,) = _panels(1)
+    figure, (axes,) = panels(1)
     times_s = trace.ticks["t_s"]
     for pump, changes in sorted(trace.injected.items()):
         times = [float(times_s[0]), *(at_s for at_s, _ in changes), float(times_s[-1])]
@@ -100,12 +100,12 @@ def actuator_gains(trace: Trace) -> str:
     axes.set_ylim(-0.03, 1.12)
     _label(axes, "share of the gain [1]")
     _legend(axes)
-    return _svg(figure, "Actuator gains")
+    return svg(figure, "Actuator gains")
 
 
 def output(number: int, traces: Sequence[Trace]) -> str:
     """Figures 3 and 4: one output with its reference, each strategy a line."""
-    figure, (axes,) = _panels(1)
+    figure, (axes,) = panels(1)
     first = traces[0].ticks
     axes.plot(*_steps(first["t_s"], first[f"r{number}_V"]), color=GREY, dashes=(4, 2), lw=1.2, label="reference")
     target = first[f"target{number}_V"]
@@ -116,27 +116,27 @@ def output(number: int, traces: Sequence[Trace]) -> str:
     _mark_alarms(axes, traces[0].events)
     _label(axes, f"output {number} [V]")
     _legend(axes)
-    return _svg(figure, f"Output {number}")
+    return svg(figure, f"Output {number}")
 
 
 def commands(traces: Sequence[Trace]) -> str:
     """Figure 5: the command signals, a panel for each strategy."""
-    figure, panels = _panels(len(traces))
-    for axes, trace in zip(panels, traces, strict=True):
+    figure, rows = panels(len(traces))
+    for axes, trace in zip(rows, traces, strict=True):
         times_s = trace.ticks["t_s"]
         for pump, color in ((1, BLUE), (2, ORANGE)):
             axes.plot(*thin(times_s, trace.ticks[f"v{pump}_V"]), color=color, lw=1.2, label=f"pump {pump}")
         axes.set_ylim(-0.3, 10.6)
         axes.set_yticks([0, 2.5, 5, 7.5, 10], ["0", "2.5", "5", "7.5", "10"])
         axes.set_title(trace.name, fontsize=9.5, loc="right", color=INK)
-        _label(axes, "command [V]", is_last=axes is panels[-1])
+        _label(axes, "command [V]", is_last=axes is rows[-1])
         _legend(axes)
-    return _svg(figure, "Command signals")
+    return svg(figure, "Command signals")
 
 
 def upper_tanks(trace: Trace, gain_V_cm: float) -> str:
     """The levels of tanks 3 and 4 in cm: measured, and the true ones or the estimates."""
-    figure, (axes,) = _panels(1)
+    figure, (axes,) = panels(1)
     times_s = trace.ticks["t_s"]
     for tank, color, pale in ((3, BLUE, PALE), (4, ORANGE, "#f0d3c4")):
         axes.plot(*thin(times_s, trace.ticks[f"h{tank}_V"] / gain_V_cm), color=pale, lw=0.8)
@@ -148,12 +148,12 @@ def upper_tanks(trace: Trace, gain_V_cm: float) -> str:
     axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
     _label(axes, "level [cm]")
     _legend(axes)
-    return _svg(figure, "Upper tanks")
+    return svg(figure, "Upper tanks")
 
 
 def error_so_far(traces: Sequence[Trace]) -> str:
     """How the integrals of the absolute error grow, as the controller counts them: output 1 full, output 2 dashed."""
-    figure, (axes,) = _panels(1)
+    figure, (axes,) = panels(1)
     for trace in reversed(traces):
         for number, dashes in ((1, ()), (2, (4, 2))):
             sums = thin(trace.ticks["t_s"], trace.ticks[f"iae{number}_Vs"])
@@ -161,12 +161,12 @@ def error_so_far(traces: Sequence[Trace]) -> str:
     axes.set_ylim(bottom=0.0)
     _label(axes, "IAE so far [V s]")
     _legend(axes)
-    return _svg(figure, "Integral of the absolute error")
+    return svg(figure, "Integral of the absolute error")
 
 
 def lateness(trace: Trace) -> str:
     """How late the steps began: a histogram with a logarithmic count, so that the rare late ones show."""
-    figure, (axes,) = _panels(1)
+    figure, (axes,) = panels(1)
     late_ms = trace.ticks["lateness_s"] * 1e3
     late_ms = late_ms[np.isfinite(late_ms)]
     if len(late_ms):
@@ -180,10 +180,11 @@ def lateness(trace: Trace) -> str:
             )  # fmt: skip
     axes.set_xlabel("lateness of a step [ms]")
     axes.set_ylabel("steps")
-    return _svg(figure, "Lateness of the steps")
+    return svg(figure, "Lateness of the steps")
 
 
-def _panels(count: int) -> tuple[Figure, list[Axes]]:
+def panels(count: int) -> tuple[Figure, list[Axes]]:
+    """A figure of the page's width with `count` axes beneath each other."""
     height_in = _HEIGHT_IN if count == 1 else 0.4 + 2.0 * count
     figure = Figure(figsize=(_WIDTH_IN, height_in), layout="constrained")
     grid = figure.subplots(count, 1, sharex=True, squeeze=False)
@@ -224,7 +225,7 @@ def _steps(times_s: Floats, values: Floats) -> tuple[Floats, Floats]:
     return times, held
 
 
-def _svg(figure: Figure, title: str) -> str:
+def svg(figure: Figure, title: str) -> str:
     """The figure as an <svg> element for a page: no prolog, no metadata, no reference to anything outside."""
     text = io.StringIO()
     figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None}, transparent=True)

@@ -111,7 +111,7 @@ def evaluate(manifest: Manifest, ticks: Ticks, events: Sequence[LoggedEvent], sp
         false_alarms=None if verdict is None else len(verdict.false),
         spurious_alarms=None if verdict is None else len(verdict.spurious),
         overflow=_overflow(ticks, plan.settings, gain_V_cm),
-        dry_run=None if faults is None else _dry_run(ticks, faults),
+        dry_run=None if faults is None else dry_run(ticks["t_s"], ticks.stack("v1_applied_V", "v2_applied_V"), faults),
         applied_out_of_range=_applied_out_of_range(ticks, plan.settings),
         trips=tuple(
             {"t_s": event.t_s, **_pick(event.data, "cause"), "text": event.text}
@@ -150,6 +150,15 @@ def after_fault_window(faults: Sequence[Injected], windows: Sequence[Window]) ->
     at_s = faults[0].at_s
     to_s = min((window.to_s for window in windows if window.from_s <= at_s < window.to_s), default=math.inf)
     return Window("after_fault", at_s, to_s)
+
+
+def dry_run(times_s: Floats, applied_V: Floats, faults: Sequence[Injected]) -> bool:
+    """Whether a pump was still driven `DRY_RUN_S` after the reservoir had run low. applied_V : (n, 2)."""
+    is_driven = (applied_V > 0.0).any(axis=1)
+    dry = [fault for fault in faults if fault.kind == RESERVOIR_LOW]
+    return any(
+        bool((is_driven & (times_s > fault.at_s + DRY_RUN_S) & (times_s < fault.until_s)).any()) for fault in dry
+    )
 
 
 def output_levels(ticks: Ticks, gain_V_cm: float) -> Floats:
@@ -208,15 +217,6 @@ def _applied_out_of_range(ticks: Ticks, settings: Mapping[str, Any]) -> Known:
         return None
     low_V, high_V = limits[0] - RANGE_TOLERANCE_V, limits[1] + RANGE_TOLERANCE_V
     return bool(applied_V.min() < min(low_V, 0.0) or applied_V.max() > high_V)
-
-
-def _dry_run(ticks: Ticks, faults: Sequence[Injected]) -> bool:
-    is_driven = (ticks["v1_applied_V"] > 0.0) | (ticks["v2_applied_V"] > 0.0)
-    dry = [fault for fault in faults if fault.kind == RESERVOIR_LOW]
-    return any(
-        bool((is_driven & (ticks["t_s"] > fault.at_s + DRY_RUN_S) & (ticks["t_s"] < fault.until_s)).any())
-        for fault in dry
-    )
 
 
 def _level_peaks(ticks: Ticks, gain_V_cm: float) -> tuple[Finite, Finite, Finite, Finite]:

@@ -1,0 +1,1 @@
+"""Many runs at once: which cases, what is watched in each, what they come to. `hil.cli` runs them."""

@@ -1,0 +1,147 @@
+"""The campaign as a list of cases. The same file gives the same list, and each case the same key, on any machine."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from random import Random
+from typing import Any
+
+from hil.campaign.spec import FaultRow, PoolRow, Spec, Target
+from hil.edge.settings import merged
+
+KEY_DIGITS = 16
+ONSET_DIGITS = 6
+HEALTHY, PAIRS = "no fault", "pairs"
+
+Fault = dict[str, Any]
+Story = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run.
+
+    key : of all that its result depends on. label : what it is grouped by. story : the scenario as a dict.
+    """
+
+    key: str
+    label: str
+    scenario: str
+    seed: int
+    story: Story
+
+    @property
+    def faults(self) -> Sequence[Mapping[str, Any]]:
+        """The scenario's [[fault]] tables."""
+        faults: Sequence[Mapping[str, Any]] = self.story.get("fault", ())
+        return faults
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A cell of the fault grid: a class of faults, and how a seed makes it concrete."""
+
+    label: str
+    row: FaultRow | None = None
+    target: Target | tuple[Target, ...] = 0
+    value: float | None = None
+
+
+def expand(spec: Spec, stories: Sequence[Story], digest: str = "") -> tuple[Case, ...]:
+    """All cases: scenarios times cells times seeds.
+
+    stories : the spec's scenario files as dicts. digest : of whatever else results depend on.
+    """
+    about = spec.campaign
+    seeds = range(about.first_seed, about.first_seed + about.seeds)
+    cases = [
+        _case(spec, cell, story, seed, digest) for story in stories for cell in _cells(spec, story) for seed in seeds
+    ]
+    return tuple(cases)
+
+
+def with_seeds(spec: Spec, seeds: int | None, first_seed: int | None, duration_s: float | None) -> Spec:
+    """The spec with what the command line says instead; None: as it is."""
+    said = {"seeds": seeds, "first_seed": first_seed, "duration_s": duration_s}
+    changes = {name: value for name, value in said.items() if value is not None}
+    return spec.model_copy(update={"campaign": spec.campaign.model_copy(update=changes)})
+
+
+def fault_label(faults: Sequence[Mapping[str, Any]]) -> str:
+    """A class of faults by name: kinds, targets and values, faults of one kind and value taken together."""
+    targets: dict[tuple[str, Any], list[str]] = {}
+    for fault in faults:
+        targets.setdefault((str(fault["kind"]), fault.get("value")), []).append(str(fault.get("target", 0)))
+    return ", ".join(_class_name(kind, "+".join(hit), value) for (kind, value), hit in targets.items()) or HEALTHY
+
+
+def _class_name(kind: str, targets: str, value: float | None) -> str:
+    name = kind if targets == "0" else f"{kind} {targets}"
+    return name if value is None else f"{name} = {value:g}"
+
+
+def _cells(spec: Spec, story: Story) -> Iterator[Cell]:
+    for row in spec.fault:
+        for target in row.targets:
+            for value in row.values or (None,):
+                named = "+".join(map(str, target)) if isinstance(target, tuple) else str(target)
+                yield Cell(_class_name(row.kind, named, value), row, target, value)
+    if spec.pairs is not None:
+        yield Cell(PAIRS)
+    if not spec.fault and spec.pairs is None:
+        yield Cell(fault_label(story.get("fault", ())))
+
+
+def _case(spec: Spec, cell: Cell, story: Story, seed: int, digest: str) -> Case:
+    """The cell's faults by this seed, the spec's tables laid over, all of it under a key."""
+    story = merged(story, spec.overlay)
+    if spec.campaign.duration_s is not None:
+        story = merged(story, {"scenario": {"duration_s": spec.campaign.duration_s}})
+    random = Random(f"{seed}/{cell.label}")  # noqa: S311 - a draw that anyone can repeat is what is wanted
+    if cell.row is not None:
+        story = {**story, "fault": _grid_faults(cell, random)}
+    elif cell.label == PAIRS and spec.pairs is not None:
+        story = {**story, "fault": _pair_faults(spec, random)}
+    case = Case("", cell.label, str(story.get("scenario", {}).get("name", "")), seed, story)
+    return replace(case, key=_key(story, seed, digest))
+
+
+def _grid_faults(cell: Cell, random: Random) -> list[Fault]:
+    row = cell.row
+    if row is None:
+        return []
+    targets = cell.target if isinstance(cell.target, tuple) else (cell.target,)
+    at_s = round(random.uniform(*row.onset_s), ONSET_DIGITS)
+    return [_fault(row, target, cell.value, at_s, row.lasts_s) for target in targets]
+
+
+def _pair_faults(spec: Spec, random: Random) -> list[Fault]:
+    pairs = spec.pairs
+    if pairs is None:
+        return []
+    faults = []
+    for row in random.sample(pairs.pool, 2):
+        target = random.choice(row.targets)
+        value = None if row.value_range is None else float(f"{random.uniform(*row.value_range):.4g}")
+        at_s = round(random.uniform(*pairs.onset_s), ONSET_DIGITS)
+        faults.append(_fault(row, target, value, at_s, pairs.lasts_s))
+    return sorted(faults, key=lambda fault: float(fault["at_s"]))
+
+
+def _fault(row: FaultRow | PoolRow, target: Target, value: float | None, at_s: float, lasts_s: float | None) -> Fault:
+    fault: Fault = {"at_s": at_s, "kind": row.kind}
+    if target != 0:
+        fault["target"] = target
+    if value is not None:
+        fault["value"] = value
+    if lasts_s is not None:
+        fault["until_s"] = round(at_s + lasts_s, ONSET_DIGITS)
+    return {**fault, **row.also}
+
+
+def _key(story: Story, seed: int, digest: str) -> str:
+    text = json.dumps([story, seed, digest], sort_keys=True, ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()[:KEY_DIGITS]

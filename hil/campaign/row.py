@@ -1,0 +1,95 @@
+"""The row that a run leaves in the table of outcomes."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+CRASHED = "crashed"
+INVARIANTS = ("overflow", "dry_run", "applied_out_of_range", "rate_broken", "latch_broken", "not_at_rest", "crashed")
+
+
+@dataclass(frozen=True, slots=True)
+class Took:
+    """Time that a run took: by the clock, and of the processor, which other programs don't lengthen."""
+
+    wall_s: float
+    cpu_s: float
+
+    @classmethod
+    def since(cls, started: Took) -> Took:
+        """From `started`, as `now` gave it."""
+        now = cls.now()
+        return cls(now.wall_s - started.wall_s, now.cpu_s - started.cpu_s)
+
+    @classmethod
+    def now(cls) -> Took:
+        """Both clocks."""
+        return cls(time.perf_counter(), time.process_time())
+
+
+@dataclass(frozen=True)
+class Row:
+    """One run. None: not known, or does not apply. JSON columns end in _json.
+
+    detected : some alarm speaks of the faults injected; delays count from the first onset, the isolation's to the last
+    fault named. candidates_hold : the fault was among what it could be when it was first spoken of. right : all faults
+    are named as they are, and nothing else. size_error_* : of a pump's effectiveness, 1 and 5 s after its isolation.
+    healthy_h : hours before the first fault of the process. spilled_cm3 : what went over a rim.
+    overflow to crashed : the invariants, true where broken; broken : in words. wall_s, cpu_s : time it took.
+    """
+
+    key: str
+    label: str
+    scenario: str
+    seed: int
+    faults_json: str
+    kind: str
+    target: str
+    value: float | None
+    onset_s: float | None
+    detected: bool | None
+    detection_s: float | None
+    isolation_s: float | None
+    bound_s: float | None
+    declared: str
+    candidates_hold: bool | None
+    right: bool | None
+    size_error_1s: float | None
+    size_error_5s: float | None
+    flips: int
+    false_alarms: int
+    spurious_alarms: int
+    alarms_json: str
+    hours: float
+    healthy_h: float
+    iae_1_Vs: float
+    iae_2_Vs: float
+    iae_after_fault_1_Vs: float | None
+    iae_after_fault_2_Vs: float | None
+    iae_windows_json: str
+    level_max_cm: float | None
+    spilled_cm3: float
+    applied_max_V: float | None
+    overflow: bool
+    dry_run: bool
+    applied_out_of_range: bool
+    rate_broken: bool
+    latch_broken: bool
+    not_at_rest: bool
+    crashed: bool
+    broken: str
+    trip_cause: str
+    trip_s: float | None
+    commands_lost: int
+    frames_lost: int
+    status: str
+    reason: str
+    steps: int
+    wall_s: float
+    cpu_s: float
+
+    @property
+    def breaks(self) -> tuple[str, ...]:
+        """Names of the invariants that the run broke."""
+        return tuple(name for name in INVARIANTS if getattr(self, name))

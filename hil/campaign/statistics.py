@@ -1,0 +1,126 @@
+"""What many outcomes say together: classes of faults, confusion, false alarms per hour, broken invariants."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hil.campaign.cases import PAIRS
+from hil.campaign.row import INVARIANTS, Row
+
+CONFIDENCE = 0.95
+NOTHING = "nothing"
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Median and 95th percentile of what is known of n values; None of no value."""
+
+    n: int
+    median: float | None
+    p95: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class FaultClass:
+    """The runs of one class of faults: shares from 0 to 1, delays in s, bound_s: the median of their bounds."""
+
+    label: str
+    runs: int
+    detected: float
+    right: float
+    candidates_hold: float
+    detection: Spread
+    isolation: Spread
+    bound_s: float | None
+    size_error_1s: Spread
+    size_error_5s: Spread
+    flips: int
+    iae_after_fault: tuple[Spread, Spread]
+
+
+@dataclass(frozen=True, slots=True)
+class Rate:
+    """Events over hours: per hour with exact Poisson limits. low_h, high_h : of the two-sided interval."""
+
+    events: int
+    hours: float
+    per_h: float | None
+    low_h: float | None
+    high_h: float | None
+
+
+def poisson_rate(events: int, hours: float, confidence: float = CONFIDENCE) -> Rate:
+    """Rate of rare events with its exact confidence limits (Garwood 1936), two-sided."""
+    if hours <= 0.0:
+        return Rate(events, hours, None, None, None)
+    from scipy.stats import chi2
+
+    tail = 0.5 * (1.0 - confidence)
+    low = 0.5 * float(chi2.ppf(tail, 2 * events)) if events else 0.0
+    high = 0.5 * float(chi2.ppf(1.0 - tail, 2 * events + 2))
+    return Rate(events, hours, events / hours, low / hours, high / hours)
+
+
+def false_alarms(rows: Sequence[Row]) -> Rate:
+    """Alarms while nothing was wrong with the process, over the time that nothing was."""
+    return poisson_rate(sum(row.false_alarms for row in rows), sum(row.healthy_h for row in rows))
+
+
+def fault_classes(rows: Iterable[Row]) -> tuple[FaultClass, ...]:
+    """Each class with a fault of the process, in the order of the rows."""
+    groups: dict[str, list[Row]] = {}
+    for row in rows:
+        if row.detected is not None:
+            groups.setdefault(row.label, []).append(row)
+    return tuple(_fault_class(label, group) for label, group in groups.items())
+
+
+def confusion(rows: Iterable[Row]) -> dict[str, Counter[str]]:
+    """What was declared, by class of faults; pairs are too many kinds to be told apart here."""
+    table: dict[str, Counter[str]] = {}
+    for row in rows:
+        if row.label != PAIRS and not row.crashed:
+            table.setdefault(row.label, Counter())[row.declared or NOTHING] += 1
+    return table
+
+
+def broken(rows: Sequence[Row]) -> dict[str, tuple[Row, ...]]:
+    """The rows that broke each invariant; all invariants are there."""
+    return {name: tuple(row for row in rows if getattr(row, name)) for name in INVARIANTS}
+
+
+def spread(values: Iterable[float | None]) -> Spread:
+    """Median and 95th percentile of the known ones."""
+    known = np.array([value for value in values if value is not None])
+    if not len(known):
+        return Spread(0, None, None)
+    return Spread(len(known), float(np.median(known)), float(np.quantile(known, 0.95)))
+
+
+def _fault_class(label: str, rows: Sequence[Row]) -> FaultClass:
+    return FaultClass(
+        label=label,
+        runs=len(rows),
+        detected=_share(row.detected for row in rows),
+        right=_share(row.right for row in rows),
+        candidates_hold=_share(row.candidates_hold for row in rows),
+        detection=spread(row.detection_s for row in rows),
+        isolation=spread(row.isolation_s for row in rows),
+        bound_s=spread(row.bound_s for row in rows).median,
+        size_error_1s=spread(row.size_error_1s for row in rows),
+        size_error_5s=spread(row.size_error_5s for row in rows),
+        flips=sum(row.flips for row in rows),
+        iae_after_fault=(
+            spread(row.iae_after_fault_1_Vs for row in rows),
+            spread(row.iae_after_fault_2_Vs for row in rows),
+        ),
+    )
+
+
+def _share(flags: Iterable[bool | None]) -> float:
+    known = [bool(flag) for flag in flags]
+    return sum(known) / len(known)

@@ -1,0 +1,68 @@
+"""What the terminal shows of a campaign at its end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.table import Table
+
+from hil.campaign import statistics
+from hil.campaign.row import Row
+from hil.campaign.statistics import FaultClass, Rate, Spread
+
+MOST_NAMED = 5
+
+
+def show(console: Console, rows: Sequence[Row]) -> None:
+    """Classes of faults, false alarms, invariants."""
+    classes = statistics.fault_classes(rows)
+    if classes:
+        console.print(_class_table(classes))
+    console.print(f"False alarms: {rate_text(statistics.false_alarms(rows))}", highlight=False)
+    for name, guilty in statistics.broken(rows).items():
+        if guilty:
+            named = ", ".join(f"{row.key} (seed {row.seed}: {row.broken})" for row in guilty[:MOST_NAMED])
+            more = f" and {len(guilty) - MOST_NAMED} more" if len(guilty) > MOST_NAMED else ""
+            console.print(f"[bold red]{name}[/]: {len(guilty)} runs: {named}{more}", highlight=False, soft_wrap=True)
+    if not any(row.breaks for row in rows):
+        console.print(f"All invariants hold in {len(rows)} runs.", highlight=False)
+    steps = sum(row.steps for row in rows)
+    if steps:
+        cpu_us = 1e6 * sum(row.cpu_s for row in rows) / steps
+        console.print(f"{steps} control steps, {cpu_us:.0f} µs of processor time each.", highlight=False)
+
+
+def rate_text(rate: Rate) -> str:
+    """A rate with its limits in words."""
+    if rate.per_h is None:
+        return "no time without a fault"
+    return (
+        f"{rate.events} in {rate.hours:.4g} h, {rate.per_h:.3g} per hour (95 %: {rate.low_h:.3g} to {rate.high_h:.3g})"
+    )
+
+
+def spread_text(values: Spread, digits: int = 3) -> str:
+    """Median / 95th percentile, a dash of nothing."""
+    if values.median is None or values.p95 is None:
+        return "–"
+    return f"{values.median:.{digits}g} / {values.p95:.{digits}g}"
+
+
+def _class_table(classes: Sequence[FaultClass]) -> Table:
+    table = Table(title="Median / 95th percentile", title_justify="left")
+    table.add_column("fault", no_wrap=True)
+    for name in ("runs", "found", "right", "found after [s]", "bound [s]", "told after [s]", "size error, 5 s"):
+        table.add_column(name, justify="right")
+    for one in classes:
+        table.add_row(
+            one.label,
+            str(one.runs),
+            f"{one.detected:.1%}",
+            f"{one.right:.1%}",
+            spread_text(one.detection),
+            "–" if one.bound_s is None else f"{one.bound_s:.3g}",
+            spread_text(one.isolation),
+            spread_text(one.size_error_5s, 2),
+        )
+    return table
