@@ -28,6 +28,7 @@ class Port(Protocol):
 
     send_failures: int
     is_up: bool
+    last_error: str
 
     def send(self, frame_id: int, data: bytes, timestamp_s: float) -> bool:
         """Send a frame now or not at all; whether it went out."""
@@ -95,7 +96,7 @@ class ControlLoop:
         self._true_level_cm = true_level_cm
         self._on_tick = on_tick
         self._state = ControllerState()
-        self._first_ns: int | None = None
+        self._waiting_since_ns: int | None = None
         self._ending_since_ns: int | None = None
         self._t_s = 0.0
         self.outcome: Outcome | None = None
@@ -133,15 +134,16 @@ class ControlLoop:
             measurement=receiver.measurement(now_ns),
             pumps=receiver.pumps(now_ns),
             nodes=receiver.nodes(now_ns),
-            bus=receiver.bus(port.send_failures, port.is_up),
+            bus=receiver.bus(now_ns, port.send_failures, port.is_up, port.last_error),
             timing=timing,
             stop_requested=stop_requested,
         )
 
     def _with_clearing(self, output: Output, inputs: Inputs) -> Command:
-        """While disarmed, and only if the operator asked for it, clear the trip that an earlier run left behind."""
-        may_clear = self._clear_trip and self._state.supervision.mode is Mode.DISARMED
-        if may_clear and inputs.pumps.state is NodeState.TRIPPED:
+        """While disarmed, and only if the operator asked for it, clear the node's trip, whichever run left it."""
+        supervision = self._state.supervision
+        may_clear = self._clear_trip or supervision.clears_node
+        if may_clear and supervision.mode is Mode.DISARMED and inputs.pumps.state is NodeState.TRIPPED:
             return supervisor.CLEAR
         return output.command
 
@@ -168,32 +170,40 @@ class ControlLoop:
             self._recorder.event(self._t_s, Event(Severity.WARNING, "watcher_failed", f"no more display: {error}"))
 
     def _settle(self, inputs: Inputs, now_ns: int, stop_reason: str) -> None:
-        """Decide whether the run is over."""
-        if self._first_ns is None:
-            self._first_ns = now_ns
+        """Decide whether the run is over: disarmed for too long, or pumps known to be off after a stop or a trip."""
         mode = self._state.supervision.mode
         if mode in (Mode.DISARMED, Mode.READY):
-            waited_s = (now_ns - self._first_ns) * 1e-9
-            if stop_reason:
-                self._finish("stopped", stop_reason)
-            elif waited_s > self._arm_timeout_s:
-                blocker = supervisor.not_ready(self._config.limits, inputs)
-                text = f"not ready within {self._arm_timeout_s:g} s: {blocker}"
-                self._recorder.event(0.0, Event(Severity.ERROR, "not_ready", text))
-                self._finish("failed", text)
+            self._settle_disarmed(inputs, now_ns, stop_reason)
             return
-        if mode.is_controlling:
+        self._waiting_since_ns = None
+        awaits_clearing = mode is Mode.TRIPPED and not stop_reason
+        if mode.moves_pumps or (awaits_clearing and controller.will_be_cleared(self._config, self._state)):
+            self._ending_since_ns = None
             return
         if self._ending_since_ns is None:
             self._ending_since_ns = now_ns
         is_confirmed = supervisor.is_at_rest(inputs) and inputs.pumps.unechoed_s == 0.0
         if is_confirmed or (now_ns - self._ending_since_ns) * 1e-9 > REST_TIMEOUT_S:
             unconfirmed = "" if is_confirmed else "; the pump node has not confirmed 0 V"
-            if mode is Mode.TRIPPED:
-                cause = self._state.supervision.cause
-                self._finish("tripped", f"{cause.value if cause else 'unknown'}{unconfirmed}")
+            cause, stopped_by = self._state.supervision.cause, stop_reason or self._state.supervision.stopped_by
+            if cause is not None:
+                self._finish("tripped", cause.value + unconfirmed)
             else:
-                self._finish("stopped" if stop_reason else "complete", (stop_reason or "duration over") + unconfirmed)
+                self._finish("stopped" if stopped_by else "complete", (stopped_by or "duration over") + unconfirmed)
+
+    def _settle_disarmed(self, inputs: Inputs, now_ns: int, stop_reason: str) -> None:
+        if self._waiting_since_ns is None:
+            self._waiting_since_ns = now_ns
+        stopped_by = stop_reason or self._state.supervision.stopped_by
+        if stopped_by:
+            self._finish("stopped", stopped_by)
+        elif controller.is_over(self._config, self._state):
+            self._finish("complete", "duration over")
+        elif (now_ns - self._waiting_since_ns) * 1e-9 > self._arm_timeout_s:
+            blocker = supervisor.not_ready(self._config.limits, inputs)
+            text = f"not ready within {self._arm_timeout_s:g} s: {blocker}"
+            self._recorder.event(self._t_s, Event(Severity.ERROR, "not_ready", text))
+            self._finish("failed", text)
 
     def _finish(self, status: Status, reason: str) -> None:
         self.outcome = Outcome(status, reason, self._t_s, self._sender.sent, self._sender.lost, self._receiver.lost)

@@ -12,8 +12,8 @@ from hil.core.design import CalibratedDesign, GainDesign, choose_rig_design
 from hil.core.diagnosis import FaultDetector, IdealDetector, NoDetector, PumpFault
 from hil.core.eigenstructure import DesignError
 from hil.core.estimator import LevelFilter
+from hil.core.interlocks import Limits
 from hil.core.reconfiguration import Reconfiguration
-from hil.core.supervisor import Limits
 from hil.core.tanks import equilibrium, linearise
 from hil.core.types import Pair
 from hil.edge.rig_file import Rig, load_rig
@@ -154,12 +154,24 @@ def _limits(rig: Rig) -> Limits:
         range_V=rig.pumps.range_V,
         rate_V_s=rig.pumps.rate_V_s,
         stop_ramp_V_s=safety.stop_ramp_V_s,
-        level_max_cm=safety.level_max_cm,
+        model=rig.tank_model,
+        lag_s=rig.pumps.lag_s,
         level_gain_V_cm=rig.sensors.gain_V_cm,
+        level_max_cm=safety.level_max_cm,
+        rim_margin_cm=safety.rim_margin_cm,
         levels_age_max_s=safety.levels_age_max_s,
         status_age_max_s=safety.status_age_max_s,
         heartbeat_age_max_s=safety.heartbeat_age_max_s,
         echo_age_max_s=safety.echo_age_max_s,
+        echo_tolerance_V=safety.echo_tolerance_V,
+        echo_mismatch_s=safety.echo_mismatch_s,
+        invalid_run_max=safety.invalid_run_max,
+        refused_run_max=safety.refused_run_max,
+        errors_per_s_max=safety.errors_per_s_max,
+        dead_below=safety.dead_below,
+        dry_run_V=safety.dry_run_V,
+        stops_on_dead_pump=safety.dead_pump == "stop",
+        bypass_max_s=safety.bypass_max_s,
     )
 
 

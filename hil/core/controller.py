@@ -1,25 +1,31 @@
 """One control step, composed: supervise, close the loop, let through what is safe, record.
 
 `step(config, state, inputs, now_ns) -> (state, output)`. Nothing here knows where inputs come from or commands go.
+The loop is closed first, so that the supervisor judges by this step's diagnosis; it alone decides what is sent.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from hil.core import closed_loop, supervisor
+from hil.core import closed_loop, state_feedback, supervisor
 from hil.core.closed_loop import TIME_TOLERANCE_S, LoopConfig, LoopState
-from hil.core.supervisor import Limits, Supervision
-from hil.core.types import Command, Event, Inputs, Mode, Pair, TickRecord, TripCause
+from hil.core.interlocks import Belief, Limits
+from hil.core.supervisor import Supervision
+from hil.core.types import Action, Command, Event, Inputs, Mode, Pair, Request, TickRecord, TripCause
 
 
 @dataclass(frozen=True)
 class ControllerConfig:
-    """The loop, the limits around it, and when the run stops by itself (inf: never)."""
+    """The loop, the limits around it, when the run stops by itself (inf: never), and what the operator will ask for.
+
+    requests : (at_s, request), ascending in run time.
+    """
 
     loop: LoopConfig
     limits: Limits
     duration_s: float
+    requests: tuple[tuple[float, Request], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,19 +50,23 @@ def step(
 ) -> tuple[ControllerState, Output]:
     """One step at now_ns (monotonic). The command is always safe; what it raises, the caller turns into a trip."""
     loop = state.loop
-    if loop is not None and (now_ns - loop.started_ns) * 1e-9 >= config.duration_s - TIME_TOLERANCE_S:
-        inputs = replace(inputs, stop_requested=True)
-    supervision, events = supervisor.next_mode(config.limits, state.supervision, inputs, _is_degraded(config, loop))
     if loop is None:
-        if supervision.mode is not Mode.RUNNING:
+        supervision, events = supervisor.next_mode(config.limits, state.supervision, inputs, now_ns)
+        if not supervision.mode.is_controlling:
             return ControllerState(supervision), Output(supervisor.OFF, events, None)
         loop = closed_loop.begin(config.loop, inputs, now_ns)
-    loop, loop_events = closed_loop.step(config.loop, loop, inputs, now_ns)
+        loop, loop_events = closed_loop.step(config.loop, loop, inputs, now_ns)
+    else:
+        inputs = _with_schedule(config, loop, inputs, now_ns)
+        loop, loop_events = closed_loop.step(config.loop, loop, inputs, now_ns)
+        belief = Belief(loop.diagnosis, loop.estimate.level_cm, loop.estimate.pump_V, config.loop.reconfigure)
+        supervision, events = supervisor.next_mode(config.limits, state.supervision, inputs, now_ns, belief)
     events += loop_events
     supervision, command = supervisor.safe_command(config.limits, supervision, loop.raw_V, config.loop.period_s)
     record = _record(loop, supervision.mode, inputs, command.voltage_V, events)
-    if supervision.mode.is_controlling:
-        loop = replace(loop, integral_Vs=closed_loop.integrate(config.loop, loop, inputs, command.voltage_V))
+    integral = _next_integral(config, loop, supervision.mode, inputs, command.voltage_V)
+    if integral != loop.integral_Vs:
+        loop = replace(loop, integral_Vs=integral)
     return ControllerState(supervision, loop), Output(command, events, record)
 
 
@@ -66,9 +76,52 @@ def fail(state: ControllerState, cause: TripCause, text: str) -> tuple[Controlle
     return ControllerState(supervision, state.loop), Output(supervisor.OFF, events, None)
 
 
-def _is_degraded(config: ControllerConfig, loop: LoopState | None) -> bool:
-    """Whether a fault is being accommodated."""
-    return loop is not None and config.loop.reconfigure and loop.diagnosis.effectiveness != closed_loop.SOUND
+def will_be_cleared(config: ControllerConfig, state: ControllerState) -> bool:
+    """Whether the schedule still has a request, within the run's duration, to clear a trip."""
+    if state.loop is None or state.supervision.stopped_by:
+        return False
+    t_s = _run_time_s(state.loop, state.loop.stepped_ns) + TIME_TOLERANCE_S
+    return any(t_s < at_s < config.duration_s and request.action is Action.CLEAR for at_s, request in config.requests)
+
+
+def is_over(config: ControllerConfig, state: ControllerState) -> bool:
+    """Whether the run has lasted for as long as it should."""
+    loop = state.loop
+    return loop is not None and _run_time_s(loop, loop.stepped_ns) >= config.duration_s - TIME_TOLERANCE_S
+
+
+def _run_time_s(loop: LoopState, now_ns: int) -> float:
+    return (now_ns - loop.started_ns) * 1e-9
+
+
+def _with_schedule(config: ControllerConfig, loop: LoopState, inputs: Inputs, now_ns: int) -> Inputs:
+    """The inputs, with the end of the run and the scheduled requests that have become due since the last step."""
+    t_s = _run_time_s(loop, now_ns)
+    if t_s >= config.duration_s - TIME_TOLERANCE_S:
+        inputs = replace(inputs, stop_requested=True)
+    if config.requests:
+        last_s = _run_time_s(loop, loop.stepped_ns)
+        due = tuple(r for at_s, r in config.requests if last_s < at_s - TIME_TOLERANCE_S <= t_s)
+        if due:
+            inputs = replace(inputs, requests=inputs.requests + due)
+    return inputs
+
+
+def _next_integral(config: ControllerConfig, loop: LoopState, mode: Mode, inputs: Inputs, command_V: Pair) -> Pair:
+    """Integrals for the next step.
+
+    In MANUAL they follow the operator, so that the law, at work again, asks for the voltages in force. Back in DISARMED
+    after a trip they start anew.
+    """
+    if mode.is_controlling:
+        return closed_loop.integrate(config.loop, loop, inputs, command_V)
+    if mode is Mode.MANUAL:
+        theta1, theta2 = loop.law.effectiveness
+        effective_V = (theta1 * command_V[0], theta2 * command_V[1])
+        return state_feedback.bumpless_integral(
+            loop.law, closed_loop.measured_level_cm(config.loop, inputs), effective_V
+        )
+    return (0.0, 0.0) if mode in (Mode.DISARMED, Mode.READY) else loop.integral_Vs
 
 
 def _record(loop: LoopState, mode: Mode, inputs: Inputs, command_V: Pair, events: tuple[Event, ...]) -> TickRecord:

@@ -1,153 +1,136 @@
-"""Modes and interlocks: what may be sent to the pumps, whatever the control law asks for.
+"""Modes: what may be sent to the pumps, whatever the control law or an operator asks for.
 
 DISARMED -> READY     every condition for arming holds (`not_ready` names the first that does not)
 READY -> RUNNING      on the next step, if they still hold; otherwise back to DISARMED
-RUNNING <-> DEGRADED  DEGRADED while a pump is known to have lost gain
-controlling -> STOPPING   asked to stop: both pumps ramp down, then are disabled
-any but DISARMED -> TRIPPED   an interlock (`trip_cause`): disabled at 0 V in the same step, latched, first cause kept
+RUNNING <-> DEGRADED  DEGRADED while a fault is known and accommodated
+controlling <-> MANUAL   the operator's voltages instead of the loop's, until asked for AUTO; begins with those in force
+moving -> STOPPING    asked to stop, or an interlock that stops: both pumps ramp down, then are disabled
+moving, STOPPING -> TRIPPED   an interlock that trips, or a failure: disabled at 0 V in the same step, latched, first
+                      cause kept
+TRIPPED -> DISARMED   asked to clear it, and nothing but the pump node's own trip still stands
 
-A trip wins over a stop, a stop over control. In every mode but RUNNING, DEGRADED and the ramp of STOPPING the command
-is "disabled, 0 V"; it is sent all the same, so that the node and its echo are watched before anything moves.
+The worst action wins: a trip over a stop, a stop over MANUAL and control. A bypass takes an interlock out for a limited
+time; when that ends the interlock counts again in the same step. Requests that don't fit the mode are refused, and
+say so. In every mode but RUNNING, DEGRADED, MANUAL and the ramp of STOPPING the command is "disabled, 0 V"; it is sent
+all the same, so that the node and its echo are watched before anything moves.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from math import isfinite
+from dataclasses import dataclass, replace
+from math import inf, isfinite
 
-from hil.core.types import Command, Event, Inputs, Mode, NodeState, Pair, Severity, TripCause
+from hil.core.interlocks import (
+    BYPASSABLE,
+    NO_BELIEF,
+    Belief,
+    Interlock,
+    Reaction,
+    Situation,
+    levels_cm,
+    standing,
+)
+from hil.core.interlocks import (
+    Limits as Limits,
+)
+from hil.core.types import Action, Command, Event, Inputs, Mode, NodeState, Pair, Request, Severity, TripCause
 
 OFF = Command((0.0, 0.0), enable=False)
 CLEAR = Command((0.0, 0.0), enable=False, clear_trip=True)
+OPERATOR = "operator"
 
-
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """Configuration of the supervisor, from the rig file's [safety], [pumps] and [sensors]."""
-
-    range_V: Pair
-    rate_V_s: float
-    stop_ramp_V_s: float
-    level_max_cm: float
-    level_gain_V_cm: float
-    levels_age_max_s: float
-    status_age_max_s: float
-    heartbeat_age_max_s: float
-    echo_age_max_s: float
+HEEDED = {
+    Mode.DISARMED: (Action.BYPASS, Action.STOP),
+    Mode.READY: (Action.BYPASS, Action.STOP),
+    Mode.RUNNING: (Action.BYPASS, Action.STOP, Action.MANUAL),
+    Mode.DEGRADED: (Action.BYPASS, Action.STOP, Action.MANUAL),
+    Mode.MANUAL: (Action.BYPASS, Action.STOP, Action.MANUAL, Action.AUTO),
+    Mode.STOPPING: (Action.BYPASS, Action.STOP),
+    Mode.TRIPPED: (Action.BYPASS, Action.STOP, Action.CLEAR),
+}
+"""What an operator may ask for in each mode; everything else is refused."""
 
 
 @dataclass(frozen=True, slots=True)
 class Supervision:
-    """State: the mode, the first cause of a trip, the last voltages that were let pass."""
+    """State.
+
+    cause : of the trip. command_V : what was let pass last. mismatch_since_ns : since when the node has not applied
+    what it echoes, -1 when it does. manual_V : what the operator wants. bypasses : interlocks and until when.
+    stopped_by : "" or who asked for the stop, the run's own end left out. clears_node : the operator cleared a trip,
+    the pump node's may go with it.
+    """
 
     mode: Mode = Mode.DISARMED
     cause: TripCause | None = None
     command_V: Pair = (0.0, 0.0)
+    mismatch_since_ns: int = -1
+    manual_V: Pair = (0.0, 0.0)
+    bypasses: tuple[tuple[TripCause, int], ...] = ()
+    stopped_by: str = ""
+    clears_node: bool = False
 
 
-Interlock = tuple[TripCause, Callable[[Limits, Inputs], bool], str]
+Step = tuple[Supervision, tuple[Event, ...]]
+Wishes = dict[Action, Request]
 
 
-INTERLOCKS: tuple[Interlock, ...] = (
-    (TripCause.BUS_FAILED, lambda _, i: not i.bus.is_up, "the CAN bus is gone"),
-    (TripCause.FOREIGN_COMMAND, lambda _, i: i.bus.foreign_commands > 0, "somebody else sends pump commands"),
-    (TripCause.NODE_TRIPPED, lambda _, i: i.pumps.state is NodeState.TRIPPED, "the pump node has tripped"),
-    (TripCause.NODE_REBOOTED, lambda _, i: i.nodes.rebooted, "a node has booted anew"),
-    (TripCause.WRONG_CONTRACT, lambda _, i: not i.nodes.contract_matches, "a node was built for another DBC"),
-    (TripCause.STALE_LEVELS, lambda m, i: i.measurement.age_s > m.levels_age_max_s, "levels are too old"),
-    (
-        TripCause.STALE_STATUS,
-        lambda m, i: i.pumps.age_s > m.status_age_max_s,
-        "the pump node's status is too old",
-    ),
-    (
-        TripCause.NODE_LOST,
-        lambda m, i: i.nodes.age_s > m.heartbeat_age_max_s,
-        "a node's heartbeat is too old",
-    ),
-    (TripCause.ECHO_MISSING, lambda m, i: i.pumps.unechoed_s > m.echo_age_max_s, "commands are not echoed"),
-    (
-        TripCause.INVALID_LEVELS,
-        lambda _, i: not all(i.measurement.valid) or not all(map(isfinite, i.measurement.level_V)),
-        "a level is out of range or its sensor has failed",
-    ),
-    (
-        TripCause.HIGH_LEVEL,
-        lambda m, i: max(i.measurement.level_V) > m.level_max_cm * m.level_gain_V_cm,
-        "a tank is about to overflow",
-    ),
-)
-"""In the order in which a trip names its cause when several stand."""
-
-
-def standing_interlock(limits: Limits, inputs: Inputs) -> tuple[TripCause, str] | None:
-    """The first interlock that stands, with its text; None when all is well."""
-    for cause, stands, text in INTERLOCKS:
-        if stands(limits, inputs):
-            return cause, text
-    return None
+def next_mode(limits: Limits, state: Supervision, inputs: Inputs, now_ns: int, belief: Belief = NO_BELIEF) -> Step:
+    """The mode for this step, with what is to be said about it. belief : what the closed loop makes of the inputs."""
+    wishes: Wishes = {}
+    heard: tuple[Event, ...] = ()
+    if state.bypasses or inputs.requests:
+        state, wishes, heard = _heard(limits, state, inputs.requests, now_ns)
+    if _mismatches(limits, inputs) != (state.mismatch_since_ns >= 0):
+        state = replace(state, mismatch_since_ns=now_ns if state.mismatch_since_ns < 0 else -1)
+    situation = _situation(limits, state, inputs, now_ns, belief)
+    if state.mode is Mode.TRIPPED:
+        state, said = _tripped(limits, state, wishes, situation)
+    elif state.mode in (Mode.DISARMED, Mode.READY):
+        state, said = _waiting(limits, state, wishes, situation, belief)
+    else:
+        state, said = _moving(limits, state, wishes, situation, belief)
+    return state, heard + said
 
 
 def not_ready(limits: Limits, inputs: Inputs) -> str:
-    """Why the rig can't be armed; "" when it can. Everything that would trip, and a node that waits for commands."""
-    standing = standing_interlock(limits, inputs)
-    if standing is not None:
-        return standing[1]
-    if inputs.pumps.state is not NodeState.READY:
-        return f"the pump node is in state {inputs.pumps.state.name.lower()}, not ready"
-    return ""
+    """Why the rig can't be armed; "" when it can."""
+    return _unready(limits, _situation(limits, Supervision(), inputs, 0, NO_BELIEF), ())
 
 
-def next_mode(
-    limits: Limits, state: Supervision, inputs: Inputs, is_degraded: bool
-) -> tuple[Supervision, tuple[Event, ...]]:
-    """The mode for this step, with what is to be said about it."""
-    mode = state.mode
-    if mode is Mode.TRIPPED:
-        return state, ()
-    if mode in (Mode.DISARMED, Mode.READY):
-        ready = not not_ready(limits, inputs) and not inputs.stop_requested
-        new = (Mode.READY if mode is Mode.DISARMED else Mode.RUNNING) if ready else Mode.DISARMED
-        return _moved(state, new)
-    standing = standing_interlock(limits, inputs)
-    if standing is not None:
-        return trip(state, *standing)
-    if mode is Mode.STOPPING or inputs.stop_requested:
-        return _moved(state, Mode.STOPPING)
-    return _moved(state, Mode.DEGRADED if is_degraded else Mode.RUNNING)
-
-
-def trip(state: Supervision, cause: TripCause, text: str) -> tuple[Supervision, tuple[Event, ...]]:
-    """Latch TRIPPED; the first cause stays."""
+def trip(state: Supervision, cause: TripCause, text: str) -> Step:
+    """Latch TRIPPED; the first cause stays. For a pump that does not obey, ask that its supply be cut."""
     if state.mode is Mode.TRIPPED:
         return state, ()
-    event = Event(Severity.ERROR, "trip", f"tripped: {text}", {"cause": cause.value})
-    return Supervision(Mode.TRIPPED, cause, (0.0, 0.0)), (event,)
+    events: tuple[Event, ...] = (Event(Severity.ERROR, "trip", f"tripped: {text}", {"cause": cause.value}),)
+    if cause is TripCause.PUMP_STUCK_ON:
+        events += (Event(Severity.ERROR, "relay_cut", "cut the pumps' supply: 0 V does not stop them"),)
+    return replace(state, mode=Mode.TRIPPED, cause=cause, command_V=(0.0, 0.0), clears_node=False), events
 
 
 def safe_command(limits: Limits, state: Supervision, wanted_V: Pair, period_s: float) -> tuple[Supervision, Command]:
     """The command for this step: within range and rate of the last one, or off.
 
-    wanted_V must be finite where the mode is controlling (ValueError otherwise: the caller trips).
+    wanted_V : the law's; it must be finite where the mode is controlling (ValueError otherwise: the caller trips).
     """
-    if state.mode is Mode.STOPPING:
+    mode = state.mode
+    if mode is Mode.STOPPING:
         step_V = limits.stop_ramp_V_s * period_s
         voltage = (max(state.command_V[0] - step_V, 0.0), max(state.command_V[1] - step_V, 0.0))
-        if voltage == (0.0, 0.0):
-            return Supervision(state.mode, state.cause, voltage), OFF
-        return Supervision(state.mode, state.cause, voltage), Command(voltage, enable=True)
-    if not state.mode.is_controlling:
-        return Supervision(state.mode, state.cause), OFF
-    if not all(map(isfinite, wanted_V)):
+        return _with_command(state, voltage), (OFF if voltage == (0.0, 0.0) else Command(voltage, enable=True))
+    if not mode.moves_pumps:
+        return _with_command(state, (0.0, 0.0)), OFF
+    wanted1, wanted2 = state.manual_V if mode is Mode.MANUAL else wanted_V
+    if not (isfinite(wanted1) and isfinite(wanted2)):
         raise ValueError(f"the control law asked for {wanted_V} V")
     low, high = limits.range_V
     step_V = limits.rate_V_s * period_s
-    first, second = (
-        min(max(wanted, last - step_V, low), last + step_V, high)
-        for wanted, last in zip(wanted_V, state.command_V, strict=True)
+    last1, last2 = state.command_V
+    voltage = (
+        min(max(wanted1, last1 - step_V, low), last1 + step_V, high),
+        min(max(wanted2, last2 - step_V, low), last2 + step_V, high),
     )
-    return Supervision(state.mode, state.cause, (first, second)), Command((first, second), enable=True)
+    return _with_command(state, voltage), Command(voltage, enable=True)
 
 
 def is_at_rest(inputs: Inputs) -> bool:
@@ -155,8 +138,147 @@ def is_at_rest(inputs: Inputs) -> bool:
     return inputs.pumps.applied_V == (0.0, 0.0) and inputs.pumps.state is not NodeState.RUN
 
 
-def _moved(state: Supervision, mode: Mode) -> tuple[Supervision, tuple[Event, ...]]:
+def _heard(
+    limits: Limits, state: Supervision, requests: tuple[Request, ...], now_ns: int
+) -> tuple[Supervision, Wishes, tuple[Event, ...]]:
+    """Bypasses end and begin; of the other requests those that this mode heeds, the last one of a kind."""
+    events: list[Event] = []
+    bypasses = {cause: until_ns for cause, until_ns in state.bypasses if until_ns > now_ns}
+    for cause, _ in state.bypasses:
+        if cause not in bypasses:
+            events.append(Event(Severity.WARNING, "bypass_end", f"{cause} counts again", {"interlock": cause.value}))
+    wishes: Wishes = {}
+    for request in requests:
+        reason = _objection(limits, state.mode, request)
+        if reason:
+            events.append(_refusal(request.action, reason, reason))
+        elif request.action is Action.BYPASS and request.interlock is not None:
+            for_s = min(request.for_s, limits.bypass_max_s)
+            bypasses[request.interlock] = now_ns + round(for_s * 1e9)
+            data: dict[str, object] = {"interlock": request.interlock.value, "for_s": for_s}
+            events.append(Event(Severity.WARNING, "bypass", f"{request.interlock} bypassed for {for_s:g} s", data))
+        else:
+            wishes[request.action] = request
+    return replace(state, bypasses=tuple(bypasses.items())), wishes, tuple(events)
+
+
+def _objection(limits: Limits, mode: Mode, request: Request) -> str:
+    """Why a request is refused; "" when it is not."""
+    if request.action not in HEEDED[mode]:
+        return f"not while {mode.name}"
+    if request.action is Action.BYPASS:
+        if request.interlock not in BYPASSABLE:
+            return f"{request.interlock} can't be bypassed"
+        if not 0.0 < request.for_s < inf:
+            return f"{request.for_s:g} s is no time"
+    low, high = limits.range_V
+    if request.voltage_V is not None and not all(low <= voltage <= high for voltage in request.voltage_V):
+        return f"{request.voltage_V} V is outside {low:g}..{high:g} V"
+    return ""
+
+
+def _tripped(limits: Limits, state: Supervision, wishes: Wishes, situation: Situation) -> Step:
+    """Latched, until cleared with nothing standing. The pump node's own trip goes by the clearing itself."""
+    if Action.STOP in wishes:
+        state = replace(state, stopped_by=OPERATOR)
+    if Action.CLEAR not in wishes:
+        return state, ()
+    stands = standing(limits, situation, (*_bypassed(state), TripCause.NODE_TRIPPED))
+    if stands is not None:
+        return state, (_refusal(Action.CLEAR, stands.cause.value, stands.describe(situation)),)
+    return _moved(replace(state, cause=None, clears_node=True), Mode.DISARMED)
+
+
+def _waiting(limits: Limits, state: Supervision, wishes: Wishes, situation: Situation, belief: Belief) -> Step:
+    """DISARMED or READY: on when everything holds, back when it does not. Once asked to stop it stays disarmed."""
+    if Action.STOP in wishes:
+        state = replace(state, stopped_by=OPERATOR)
+    is_asked_to_stop = situation.inputs.stop_requested or bool(state.stopped_by)
+    if is_asked_to_stop or _unready(limits, situation, _bypassed(state)):
+        return _moved(state, Mode.DISARMED)
+    if state.mode is Mode.DISARMED:
+        return _moved(state, Mode.READY)
+    return _moved(replace(state, clears_node=False), _automatic(belief))
+
+
+def _moving(limits: Limits, state: Supervision, wishes: Wishes, situation: Situation, belief: Belief) -> Step:
+    """RUNNING, DEGRADED, MANUAL or STOPPING: the worst action that anything asks for."""
+    stands = standing(limits, situation, _bypassed(state))
+    if stands is not None and stands.reaction is Reaction.TRIP:
+        return trip(state, stands.cause, stands.describe(situation))
+    if state.mode is Mode.STOPPING:
+        return state, ()
+    if stands is not None:
+        return _stopped(state, stands)
+    if Action.STOP in wishes:
+        return _moved(replace(state, stopped_by=OPERATOR), Mode.STOPPING)
+    if situation.inputs.stop_requested:
+        return _moved(state, Mode.STOPPING)
+    if Action.MANUAL in wishes:
+        asked_V = wishes[Action.MANUAL].voltage_V
+        return _moved(replace(state, manual_V=state.command_V if asked_V is None else asked_V), Mode.MANUAL)
+    if state.mode is Mode.MANUAL and Action.AUTO not in wishes:
+        return state, ()
+    return _moved(state, _automatic(belief))
+
+
+def _refusal(action: Action, reason: str, text: str) -> Event:
+    return Event(Severity.WARNING, "refused", f"{action} refused: {text}", {"action": action.value, "reason": reason})
+
+
+def _stopped(state: Supervision, stands: Interlock) -> Step:
+    """An interlock asks for an orderly stop."""
+    event = Event(Severity.ERROR, "stop", f"stopping: {stands.text}", {"cause": stands.cause.value})
+    state, said = _moved(replace(state, stopped_by=stands.cause.value), Mode.STOPPING)
+    return state, (event, *said)
+
+
+def _unready(limits: Limits, situation: Situation, bypassed: tuple[TripCause, ...]) -> str:
+    """Everything that would trip or stop, a reading in doubt, a pump node that does not wait for commands; or ""."""
+    stands = standing(limits, situation, bypassed)
+    if stands is not None:
+        return stands.describe(situation)
+    inputs, diagnosis = situation.inputs, situation.diagnosis
+    in_doubt = [t and not v for t, v in zip(diagnosis.trusted, inputs.measurement.valid, strict=True)]
+    if any(in_doubt):
+        return "a level is out of range or its sensor has failed"
+    if inputs.pumps.state is not NodeState.READY:
+        return f"the pump node is in state {inputs.pumps.state.name.lower()}, not ready"
+    return ""
+
+
+def _automatic(belief: Belief) -> Mode:
+    return Mode.DEGRADED if belief.accommodates and belief.diagnosis.has_fault else Mode.RUNNING
+
+
+def _mismatches(limits: Limits, inputs: Inputs) -> bool:
+    """Whether the applied voltages differ from the command echoed, by more than converters do."""
+    short1, short2 = inputs.pumps.shortfall_V
+    return abs(short1) > limits.echo_tolerance_V or abs(short2) > limits.echo_tolerance_V
+
+
+def _situation(limits: Limits, state: Supervision, inputs: Inputs, now_ns: int, belief: Belief) -> Situation:
+    since_ns = state.mismatch_since_ns
+    (c1, c2), (a1, a2), (b1, b2) = state.command_V, inputs.pumps.applied_V, belief.pump_V
+    return Situation(
+        inputs,
+        belief.diagnosis,
+        levels_cm(limits, inputs, belief),
+        (max(c1, a1, b1), max(c2, a2, b2)),
+        (now_ns - since_ns) * 1e-9 if since_ns >= 0 else 0.0,
+    )
+
+
+def _bypassed(state: Supervision) -> tuple[TripCause, ...]:
+    return tuple(cause for cause, _ in state.bypasses) if state.bypasses else ()
+
+
+def _with_command(state: Supervision, voltage: Pair) -> Supervision:
+    return state if voltage == state.command_V else replace(state, command_V=voltage)
+
+
+def _moved(state: Supervision, mode: Mode) -> Step:
     if mode is state.mode:
         return state, ()
     event = Event(Severity.INFO, "mode", f"{state.mode.name} -> {mode.name}", {"mode": mode.name})
-    return Supervision(mode, state.cause, state.command_V), (event,)
+    return replace(state, mode=mode), (event,)

@@ -24,11 +24,17 @@ class Mode(IntEnum):
     DEGRADED = 3
     STOPPING = 4
     TRIPPED = 5
+    MANUAL = 6
 
     @property
     def is_controlling(self) -> bool:
         """Whether the loop is closed in this mode."""
         return self in (Mode.RUNNING, Mode.DEGRADED)
+
+    @property
+    def moves_pumps(self) -> bool:
+        """Whether somebody asks for pump voltages in this mode: the loop or the operator."""
+        return self in (Mode.RUNNING, Mode.DEGRADED, Mode.MANUAL)
 
 
 class NodeState(IntEnum):
@@ -41,7 +47,7 @@ class NodeState(IntEnum):
 
 
 class TripCause(StrEnum):
-    """Why the supervisor took the pumps to 0 V. The first one stays until the trip is cleared."""
+    """What took the pumps to 0 V: the interlocks by name. The first one stays until the trip is cleared."""
 
     STALE_LEVELS = "stale_levels"
     INVALID_LEVELS = "invalid_levels"
@@ -52,7 +58,15 @@ class TripCause(StrEnum):
     WRONG_CONTRACT = "wrong_contract"
     ECHO_MISSING = "echo_missing"
     FOREIGN_COMMAND = "foreign_command"
+    ECHO_MISMATCH = "echo_mismatch"
+    FRAMES_REFUSED = "frames_refused"
+    ERROR_STORM = "error_storm"
+    SENSORS_LOST = "sensors_lost"
     HIGH_LEVEL = "high_level"
+    DRY_RUN = "dry_run"
+    PUMP_STUCK_ON = "pump_stuck_on"
+    PUMP_DEAD = "pump_dead"
+    ESTIMATOR_DIVERGED = "estimator_diverged"
     BUS_FAILED = "bus_failed"
     CONTROLLER_FAILED = "controller_failed"
 
@@ -79,11 +93,12 @@ class Event:
 class Measurement:
     """The four level voltages as they stand at a control step.
 
-    level_V : mean of the readings that came since the last step, or the last one before; NaN before the first.
+    level_V : mean of the valid readings that came since the last step; the newest one, valid or not, when there were
+    none; NaN before the first.
     valid : whether each channel's newest reading was in range and its node vouches for it.
     age_s : age of the oldest of the newest readings; inf before the first.
-    readings : how many readings went into the mean (the smaller of the two frames).
-    variance_V2 : of those readings about their mean, per channel; NaN for fewer than two.
+    readings : how many came since the last step (the smaller of the two frames), valid or not.
+    variance_V2 : of the valid ones about their mean, per channel; NaN for fewer than two.
     repeats : how many readings in a row, up to the newest, had the newest one's value (the newest left out).
     invalid_run : how many readings in a row, up to the newest, were not valid.
     """
@@ -125,13 +140,20 @@ class NodeHealth:
 
 @dataclass(frozen=True, slots=True)
 class BusHealth:
-    """Counters of the bus since the start: frames accepted, frames rejected, sends failed, and whether it is up."""
+    """Counters of the bus since the start: frames accepted, frames rejected, sends failed, and whether it is up.
+
+    refused_run : the longest run of frames of one identifier since the last step that were refused one after the
+    other. errors_per_s : error frames within the last second. last_error : what the bus last complained of.
+    """
 
     accepted: int
     rejected: int
     send_failures: int
     foreign_commands: int
     is_up: bool
+    refused_run: int = 0
+    errors_per_s: int = 0
+    last_error: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +162,29 @@ class Timing:
 
     lateness_s: float = 0.0
     skipped: int = 0
+
+
+class Action(StrEnum):
+    """What an operator can ask for."""
+
+    MANUAL = "manual"
+    AUTO = "auto"
+    BYPASS = "bypass"
+    CLEAR = "clear"
+    STOP = "stop"
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """An operator's wish.
+
+    voltage_V : for MANUAL; None keeps what the pumps have. interlock, for_s : for BYPASS.
+    """
+
+    action: Action
+    voltage_V: Pair | None = None
+    interlock: TripCause | None = None
+    for_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,6 +197,7 @@ class Inputs:
     bus: BusHealth
     timing: Timing = Timing()
     stop_requested: bool = False
+    requests: tuple[Request, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,7 +34,7 @@ HEALTHY_FROM, DEAD_BELOW = 0.995, 0.05  # effectiveness
 WHITE, GREY, DIM = 0xF2F5F7FF, 0x8A97A6FF, 0x48698AFF
 BLUE, ORANGE, GREEN, PURPLE, AMBER = 0x58A6E8FF, 0xF08A4BFF, 0x5FC27EFF, 0xB08CDEFF, 0xE3B341FF
 CALM, WARM, ALERT = 0x2F6B46FF, 0x8A6D1FFF, 0x97302AFF  # grounds of the states, under white text
-QUIET, LEAVING = 0x3A424BFF, 0x5D4A80FF
+QUIET, LEAVING, BY_HAND = 0x3A424BFF, 0x5D4A80FF, 0x2F7F86FF
 
 Floats = npt.NDArray[np.float64]
 
@@ -242,7 +242,7 @@ _STATES: dict[str, tuple[tuple[str, ...], tuple[str, ...], tuple[int, ...]]] = {
     "states/mode": (
         tuple(mode.name for mode in Mode),
         tuple(mode.name.lower() for mode in Mode),
-        (QUIET, DIM, CALM, WARM, LEAVING, ALERT),
+        (QUIET, DIM, CALM, WARM, LEAVING, ALERT, BY_HAND),
     ),
     "states/pump1": _PUMP_STATES,
     "states/pump2": _PUMP_STATES,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -11,6 +11,9 @@ from hil.core.tanks import TankModel, equilibrium
 from hil.core.types import Pair
 from hil.edge.scenario_file import Scenario
 from hil.edge.settings import NotNegative, Pole, Positive, Range, Section, Split, Volts, merged, read_toml, validated
+
+LONGEST_BYPASS_S = 600.0
+"""No configuration lets an interlock be bypassed for longer."""
 
 
 class Tanks(Section):
@@ -65,10 +68,20 @@ class Safety(Section):
     """What trips, and how a run stops."""
 
     level_max_cm: Positive
+    rim_margin_cm: NotNegative
     levels_age_max_s: Positive
     status_age_max_s: Positive
     heartbeat_age_max_s: Positive
     echo_age_max_s: Positive
+    echo_tolerance_V: Positive
+    echo_mismatch_s: NotNegative
+    invalid_run_max: Annotated[int, Field(ge=1, le=100)]
+    refused_run_max: Annotated[int, Field(ge=1, le=100)]
+    errors_per_s_max: Annotated[int, Field(ge=1, le=1000)]
+    dead_below: Annotated[float, Field(ge=0.0, lt=1.0, allow_inf_nan=False)]
+    dead_pump: Literal["continue", "stop"]
+    dry_run_V: NotNegative
+    bypass_max_s: Annotated[float, Field(gt=0.0, le=LONGEST_BYPASS_S, allow_inf_nan=False)]
     arm_timeout_s: Positive
     stop_ramp_V_s: Positive
 
@@ -93,10 +106,13 @@ class Rig(Section):
 
     @model_validator(mode="after")
     def _trips_below_the_rim(self) -> Self:
-        if self.safety.level_max_cm >= self.tanks.height_cm:
+        safety, height_cm = self.safety, self.tanks.height_cm
+        if safety.level_max_cm >= height_cm:
+            raise ValueError(f"safety.level_max_cm {safety.level_max_cm:g} is not below tanks.height_cm {height_cm:g}")
+        if safety.level_max_cm + safety.rim_margin_cm > height_cm:
             raise ValueError(
-                f"safety.level_max_cm {self.safety.level_max_cm:g} is not below "
-                f"tanks.height_cm {self.tanks.height_cm:g}"
+                f"safety.rim_margin_cm {safety.rim_margin_cm:g} leaves no room for safety.level_max_cm "
+                f"{safety.level_max_cm:g} below tanks.height_cm {height_cm:g}"
             )
         return self
 

@@ -94,7 +94,7 @@ class _Layout:
             rrb.Horizontal(
                 self.plot("Frames accepted", "bench/accepted"), self.plot("Rejected and skipped", "bench/trouble")
             ),
-            self.plot("Mode, as its number", "bench/mode", range_=(-0.5, 5.5)),
+            self.plot("Mode, as its number", "bench/mode", range_=(-0.5, 6.5)),
             row_shares=[2, 2, 1],
             name="Bench",
         )

@@ -3,6 +3,9 @@
 The counter rises by one from frame to frame of an identifier. Against the last accepted one:
     0          the same frame again: refused          1..8   accepted; all but the first step are frames lost
     9..15      an older frame: refused                any, after 150 ms without an accepted frame: accepted
+
+A run of refusals is broken only by a frame whose counter has moved: a sender whose counter stands still gets a frame in
+after each silence, yet does not look healthy by it.
 """
 
 from __future__ import annotations
@@ -48,18 +51,28 @@ class Rejection(StrEnum):
 
 @dataclass(slots=True)
 class FrameCheck:
-    """The checks of one identifier, with the counter and time of the last frame accepted."""
+    """The checks of one identifier, with the counter and time of the last frame accepted.
+
+    refused_run : how many frames in a row were refused or had the counter standing still.
+    """
 
     spec: FrameSpec
     counter: int = -1
     accepted_ns: int = 0
     lost: int = 0
+    refused_run: int = 0
 
     def admit(self, frame: Frame, received_ns: int) -> Decoded | Rejection:
-        """The frame's values in units, or why it is refused. A refused frame leaves no trace here."""
-        spec = self.spec
+        """The frame's values in units, or why it is refused: then only the run of refusals is longer."""
         if not is_plain(frame):
-            return Rejection.KIND
+            return Rejection.KIND  # not one of this sender's
+        values = self._judge(frame, received_ns)
+        if isinstance(values, Rejection):
+            self.refused_run += 1
+        return values
+
+    def _judge(self, frame: Frame, received_ns: int) -> Decoded | Rejection:
+        spec = self.spec
         data = bytes(frame.data)
         if len(data) != spec.length:
             return Rejection.LENGTH
@@ -69,11 +82,12 @@ class FrameCheck:
         if values is None:
             return Rejection.RANGE
         counter = int(values["Counter"])
-        if self.counter >= 0 and received_ns - self.accepted_ns <= RESYNCHRONISE_NS:
-            step = (counter - self.counter) % 16
+        step = (counter - self.counter) % 16 if self.counter >= 0 else 1
+        if received_ns - self.accepted_ns <= RESYNCHRONISE_NS:
             if not 1 <= step <= LARGEST_COUNTER_STEP:
                 return Rejection.DUPLICATE if step == 0 else Rejection.OLD
             self.lost += step - 1
+        self.refused_run = 0 if step else self.refused_run + 1
         self.counter = counter
         self.accepted_ns = received_ns
         return values

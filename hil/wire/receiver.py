@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -15,11 +15,17 @@ from hil.wire.contract import Contract, Decoded
 
 CHANNEL_OK = 0
 UNKNOWN = (nan, nan)
+SECOND_NS = 1_000_000_000
+MOST_ERRORS = 1000
+"""Error frames within a second are counted up to this many."""
 
 
 @dataclass(slots=True)
 class LevelPair:
-    """What one level frame has brought: the newest readings, runs up to them, and the sums since the last step."""
+    """What one level frame has brought: the newest readings, runs up to them, and sums since the last step.
+
+    The sums are of valid readings only.
+    """
 
     names: tuple[str, str, str, str]
     range_V: Pair
@@ -27,7 +33,8 @@ class LevelPair:
     newest_V: Pair = UNKNOWN
     sum_V: Pair = (0.0, 0.0)
     sum_V2: Pair = (0.0, 0.0)
-    count: int = 0
+    frames: int = 0
+    counts: tuple[int, int] = (0, 0)
     repeats: tuple[int, int] = (0, 0)
     invalid_run: tuple[int, int] = (1, 1)
 
@@ -43,24 +50,34 @@ class LevelPair:
             0 if values[status2] == CHANNEL_OK and low <= b <= high else bad_b + 1,
         )
         self.newest_V = (a, b)
+        self.frames += 1
+        self.received_ns = received_ns
+        if self.invalid_run != (0, 0):
+            first_counts, second_counts = (bad == 0 for bad in self.invalid_run)
+            self._add(a * first_counts, b * second_counts, int(first_counts), int(second_counts))
+            return
+        self._add(a, b, 1, 1)
+
+    def _add(self, a: float, b: float, first: int, second: int) -> None:
         self.sum_V = (self.sum_V[0] + a, self.sum_V[1] + b)
         self.sum_V2 = (self.sum_V2[0] + a * a, self.sum_V2[1] + b * b)
-        self.count += 1
-        self.received_ns = received_ns
+        self.counts = (self.counts[0] + first, self.counts[1] + second)
 
     def mean_and_variance(self) -> tuple[Pair, Pair]:
-        """Of the readings since the last call; the newest reading when nothing came. Begins anew."""
-        n = self.count
-        if n == 0:
-            return self.newest_V, UNKNOWN
-        m1, m2 = self.sum_V[0] / n, self.sum_V[1] / n
-        variance = UNKNOWN
-        if n > 1:
-            q1, q2 = self.sum_V2
-            variance = (max(q1 - n * m1 * m1, 0.0) / (n - 1), max(q2 - n * m2 * m2, 0.0) / (n - 1))
+        """Of the valid readings since the last call; the newest reading when there were none. Begins anew."""
+        (m1, s1), (m2, s2) = (self._channel(0), self._channel(1))
         self.sum_V = self.sum_V2 = (0.0, 0.0)
-        self.count = 0
-        return (m1, m2), variance
+        self.frames = 0
+        self.counts = (0, 0)
+        return (m1, m2), (s1, s2)
+
+    def _channel(self, which: int) -> tuple[float, float]:
+        """Mean in V and variance in V^2 of one channel."""
+        n = self.counts[which]
+        if n == 0:
+            return self.newest_V[which], nan
+        mean = self.sum_V[which] / n
+        return mean, max(self.sum_V2[which] - n * mean * mean, 0.0) / (n - 1) if n > 1 else nan
 
 
 @dataclass(slots=True)
@@ -98,6 +115,8 @@ class Receiver:
             "LevelHeartbeat": partial(self._take_heartbeat, self._level_beat),
         }
         self._routes = {check.spec.frame_id: (check, take[check.spec.name]) for check in self._checks}
+        self._worst_run = 0
+        self._errors_ns: deque[int] = deque(maxlen=MOST_ERRORS)
         self.rejections: Counter[Rejection] = Counter()
         self.accepted = 0
         self.foreign_commands = 0
@@ -118,12 +137,15 @@ class Receiver:
 
     def _take(self, frame: Frame, received_ns: int) -> Rejection | None:
         if frame.is_error_frame:
+            self._errors_ns.append(received_ns)
             return Rejection.ERROR_FRAME
         known = self._routes.get(frame.arbitration_id)
         if known is None:
             return Rejection.UNKNOWN_ID
         check, take = known
         values = check.admit(frame, received_ns)
+        if check.refused_run > self._worst_run:
+            self._worst_run = check.refused_run
         if isinstance(values, Rejection):
             return values
         take(values, received_ns)
@@ -152,7 +174,7 @@ class Receiver:
     def measurement(self, now_ns: int) -> Measurement:
         """The levels for the step at now_ns; begins a new mean."""
         lower, upper = self._lower, self._upper
-        readings = min(lower.count, upper.count)
+        readings = min(lower.frames, upper.frames)
         (y1, y2), (s1, s2) = lower.mean_and_variance()
         (y3, y4), (s3, s4) = upper.mean_and_variance()
         (bad1, bad2), (bad3, bad4) = lower.invalid_run, upper.invalid_run
@@ -178,9 +200,21 @@ class Receiver:
         rebooted = pump.rebooted or level.rebooted
         return NodeHealth(_age_s(now_ns, pump, level), rebooted, pump.contract_matches and level.contract_matches)
 
-    def bus(self, send_failures: int, is_up: bool) -> BusHealth:
-        """Counters so far."""
-        return BusHealth(self.accepted, self.rejections.total(), send_failures, self.foreign_commands, is_up)
+    def bus(self, now_ns: int, send_failures: int, is_up: bool, last_error: str = "") -> BusHealth:
+        """Counters so far, and what was bad since the last call."""
+        worst_run, self._worst_run = self._worst_run, 0
+        while self._errors_ns and now_ns - self._errors_ns[0] > SECOND_NS:
+            self._errors_ns.popleft()
+        return BusHealth(
+            self.accepted,
+            self.rejections.total(),
+            send_failures,
+            self.foreign_commands,
+            is_up,
+            worst_run,
+            len(self._errors_ns),
+            last_error,
+        )
 
 
 def _age_s(now_ns: int, first: LevelPair | Beat, second: LevelPair | Beat) -> float:

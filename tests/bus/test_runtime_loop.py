@@ -46,6 +46,7 @@ class RigPort:
         self.inbox = []
         self.send_failures = 0
         self.is_up = True
+        self.last_error = ""
         self.start_ns = clock.now
 
     def _rig_ns(self):

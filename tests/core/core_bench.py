@@ -13,8 +13,8 @@ from hil.core.controller import ControllerConfig, ControllerState
 from hil.core.design import CalibratedDesign, RigDesign, choose_rig_design
 from hil.core.diagnosis import NoDetector
 from hil.core.estimator import LevelFilter
+from hil.core.interlocks import Limits
 from hil.core.reconfiguration import Reconfiguration
-from hil.core.supervisor import Limits
 from hil.core.tanks import TankModel, equilibrium, level_rates, linearise
 from hil.core.types import BusHealth, Inputs, Measurement, NodeHealth, NodeState, PumpFeedback
 
@@ -45,12 +45,24 @@ LIMITS = Limits(
     range_V=(0.0, 10.0),
     rate_V_s=20.0,
     stop_ramp_V_s=20.0,
-    level_max_cm=19.0,
+    model=BENCH,
+    lag_s=0.2,
     level_gain_V_cm=0.5,
+    level_max_cm=19.0,
+    rim_margin_cm=0.5,
     levels_age_max_s=0.3,
     status_age_max_s=0.3,
     heartbeat_age_max_s=0.25,
     echo_age_max_s=0.5,
+    echo_tolerance_V=0.05,
+    echo_mismatch_s=0.2,
+    invalid_run_max=3,
+    refused_run_max=5,
+    errors_per_s_max=20,
+    dead_below=0.1,
+    dry_run_V=0.5,
+    stops_on_dead_pump=False,
+    bypass_max_s=600.0,
 )
 
 

@@ -15,8 +15,8 @@ from hil.core.controller import ControllerConfig
 from hil.core.design import choose_rig_design
 from hil.core.diagnosis import NoDetector
 from hil.core.estimator import LevelFilter
+from hil.core.interlocks import Limits
 from hil.core.reconfiguration import Reconfiguration
-from hil.core.supervisor import Limits
 from hil.core.tanks import TankModel, equilibrium, linearise
 from hil.core.types import (
     BusHealth,
@@ -45,12 +45,24 @@ LIMITS = Limits(
     range_V=(0.0, 10.0),
     rate_V_s=20.0,
     stop_ramp_V_s=10.0,
-    level_max_cm=19.0,
+    model=BENCH,
+    lag_s=0.2,
     level_gain_V_cm=0.5,
+    level_max_cm=19.0,
+    rim_margin_cm=0.5,
     levels_age_max_s=0.3,
     status_age_max_s=0.3,
     heartbeat_age_max_s=0.25,
     echo_age_max_s=0.5,
+    echo_tolerance_V=0.05,
+    echo_mismatch_s=0.2,
+    invalid_run_max=3,
+    refused_run_max=5,
+    errors_per_s_max=20,
+    dead_below=0.1,
+    dry_run_V=0.5,
+    stops_on_dead_pump=False,
+    bypass_max_s=600.0,
 )
 HEALTHY = Inputs(
     Measurement(REST_V, (True,) * 4, 0.01, 5),
@@ -73,7 +85,13 @@ def level(inputs: Inputs, channel: int, volts: float) -> Inputs:
 
 
 def invalid(inputs: Inputs, channel: int) -> Inputs:
-    return but(inputs, "measurement", valid=tuple(i != channel for i in range(4)))
+    """Its newest three readings are not valid."""
+    return but(
+        inputs,
+        "measurement",
+        valid=tuple(i != channel for i in range(4)),
+        invalid_run=tuple(3 * (i == channel) for i in range(4)),
+    )
 
 
 FAULTS: tuple[tuple[str, TripCause, Callable[[Inputs], Inputs]], ...] = (
@@ -127,7 +145,7 @@ class RecordingPort:
     """Keeps what the loop sends, read back by the emulator's own parser."""
 
     def __init__(self):
-        self.send_failures, self.is_up = 0, True
+        self.send_failures, self.is_up, self.last_error = 0, True, ""
         self.sent: list[SentCommand] = []
 
     def send(self, frame_id, data, timestamp_s):

@@ -161,9 +161,6 @@ def trip_causes():
     def high(bench):
         bench.levels_V = (*REST_V[:3], 9.6)
 
-    def invalid(bench):
-        bench.statuses = (node.ChannelStatus.OK, node.ChannelStatus(3), node.ChannelStatus.OK, node.ChannelStatus.OK)
-
     def bus(bench):
         bench.port.is_up = False
 
@@ -172,7 +169,6 @@ def trip_causes():
         (wrong_contract, TripCause.WRONG_CONTRACT),
         (node_tripped, TripCause.NODE_TRIPPED),
         (high, TripCause.HIGH_LEVEL),
-        (invalid, TripCause.INVALID_LEVELS),
         (bus, TripCause.BUS_FAILED),
     ]
 
@@ -185,6 +181,23 @@ def test_what_a_frame_says_trips_in_the_tick_that_reads_it(damage, cause):
     assert_off(bench.last)
     assert bench.mode is Mode.TRIPPED
     assert bench.cause is cause
+
+
+@pytest.mark.parametrize("status", [1, 2, 3])
+@pytest.mark.parametrize("channel", range(4))
+def test_the_third_invalid_reading_in_a_row_trips(channel, status):
+    bench = LoopBench().run()
+    bad = tuple(node.ChannelStatus(status if i == channel else 0) for i in range(4))
+    for _ in range(3):  # one or two are ridden out
+        bench.statuses = bad
+        bench.step(2)
+        assert bench.mode is Mode.RUNNING
+        bench.statuses = (node.ChannelStatus.OK,) * 4
+        bench.step()
+    bench.statuses = bad
+    bench.step(3)
+    assert_off(bench.last)
+    assert bench.cause is TripCause.INVALID_LEVELS
 
 
 @pytest.mark.parametrize(

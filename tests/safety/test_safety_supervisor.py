@@ -9,12 +9,16 @@ from hypothesis import strategies as st
 from safety_bench import FAULTS, HEALTHY, LIMITS, READY, but, level
 
 from hil.core import supervisor
+from hil.core.interlocks import INTERLOCKS, Belief
 from hil.core.supervisor import CLEAR, OFF, Supervision
-from hil.core.types import Mode, NodeState, Severity, TripCause
+from hil.core.types import Diagnosis, Mode, NodeState, Severity, TripCause
 
 CONTROLLING = (Mode.RUNNING, Mode.DEGRADED)
 TRIPPING = (*CONTROLLING, Mode.STOPPING)
 WAITING = (Mode.DISARMED, Mode.READY)
+NOW_NS = 5_000_000_000
+SOUND = Belief(accommodates=True)
+FAULTY = Belief(Diagnosis((0.4, 1.0)), accommodates=True)
 FAULT_IDS = [name for name, _, _ in FAULTS]
 ONE_FAULT = pytest.mark.parametrize("fault", [fault for _, _, fault in FAULTS], ids=FAULT_IDS)
 
@@ -26,7 +30,7 @@ def supervision(mode, command_V=(3.0, 3.0)):
 
 def step(mode, inputs, *, is_degraded=False, wanted_V=(5.0, 5.0)):
     """One step of the supervisor: the mode after it, the cause, the command, the codes of its events."""
-    state, events = supervisor.next_mode(LIMITS, supervision(mode), inputs, is_degraded)
+    state, events = supervisor.next_mode(LIMITS, supervision(mode), inputs, NOW_NS, FAULTY if is_degraded else SOUND)
     state, command = supervisor.safe_command(LIMITS, state, wanted_V, 0.1)
     return state, command, [event.code for event in events]
 
@@ -69,7 +73,8 @@ def test_a_trip_keeps_its_first_cause_whatever_comes_after(fault):
 def test_a_trip_is_for_ever(inputs, stop, is_degraded):
     state = supervision(Mode.TRIPPED)
     for _ in range(100):
-        state, events = supervisor.next_mode(LIMITS, state, replace(inputs, stop_requested=stop), is_degraded)
+        belief = FAULTY if is_degraded else SOUND
+        state, events = supervisor.next_mode(LIMITS, state, replace(inputs, stop_requested=stop), NOW_NS, belief)
         state, command = supervisor.safe_command(LIMITS, state, (5.0, 5.0), 0.1)
         assert command == OFF
         assert events == ()
@@ -151,7 +156,7 @@ def test_of_several_interlocks_the_root_names_the_trip():
         inputs = fault(inputs)
     state, _, _ = step(Mode.RUNNING, inputs)
     assert state.cause is TripCause.BUS_FAILED
-    assert {cause for cause, _, _ in supervisor.INTERLOCKS} | {TripCause.CONTROLLER_FAILED} == set(TripCause)
+    assert {interlock.cause for interlock in INTERLOCKS} | {TripCause.CONTROLLER_FAILED} == set(TripCause)
 
 
 def test_what_is_not_ready_is_said():
@@ -292,7 +297,7 @@ def test_a_stop_ramps_both_pumps_down_and_then_disables_them():
 
 def test_a_ramp_begins_at_the_last_command():
     state, command = supervisor.safe_command(LIMITS, Supervision(Mode.RUNNING, None, (4.0, 5.0)), (4.5, 4.0), 0.1)
-    stopping, _ = supervisor.next_mode(LIMITS, state, replace(HEALTHY, stop_requested=True), is_degraded=False)
+    stopping, _ = supervisor.next_mode(LIMITS, state, replace(HEALTHY, stop_requested=True), NOW_NS)
     _, command = supervisor.safe_command(LIMITS, stopping, (4.5, 4.0), 0.1)
     assert command.voltage_V == pytest.approx((3.5, 3.0))
 
@@ -312,7 +317,7 @@ def test_invariants_over_any_history(history, wishes):
         for _, _, fault in faults:
             inputs = fault(inputs)
         before = state
-        state, _ = supervisor.next_mode(LIMITS, state, inputs, degraded)
+        state, _ = supervisor.next_mode(LIMITS, state, inputs, NOW_NS, FAULTY if degraded else SOUND)
         state, command = supervisor.safe_command(LIMITS, state, (wish, -wish), 0.1)
         if faults:
             assert command == OFF

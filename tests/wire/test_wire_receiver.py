@@ -103,7 +103,7 @@ def test_what_is_refused_changes_nothing_and_is_counted_by_its_cause(bad, cause)
     receiver_ = begun()
     assert receiver_.take(bad, 2 * MS) is cause
     assert receiver_.rejections == {cause: 1}
-    assert receiver_.bus(0, is_up=True).rejected == 1
+    assert receiver_.bus(0, 0, is_up=True).rejected == 1
     assert seen(receiver_, 3 * MS) == seen(begun(), 3 * MS)
     for name in NODE_FRAMES:  # nor does it keep the next good frame out
         assert receiver_.take(frame(name, 1), 4 * MS) is None
@@ -354,18 +354,18 @@ def test_a_node_with_another_contract_is_noticed(name):
 def test_a_command_of_somebody_else_is_noticed():
     receiver_, _ = receiver()
     receiver_.take(frame("PumpCommand", 0, Enable=0), 0)
-    assert receiver_.bus(0, is_up=True).foreign_commands == 1
+    assert receiver_.bus(0, 0, is_up=True).foreign_commands == 1
     broken = frame("PumpCommand", 1)
     broken.data[0] ^= 1
     receiver_.take(broken, MS)
-    assert receiver_.bus(0, is_up=True).foreign_commands == 1
+    assert receiver_.bus(0, 0, is_up=True).foreign_commands == 1
 
 
 def test_bus_health_passes_on_what_the_port_knows():
     receiver_, _ = receiver()
     receiver_.take(frame("PumpStatus", 0), 0)
     receiver_.take(message(5, b""), 0)
-    health = receiver_.bus(3, is_up=False)
+    health = receiver_.bus(0, 3, is_up=False)
     assert (health.accepted, health.rejected, health.send_failures, health.is_up) == (1, 1, 3, False)
 
 

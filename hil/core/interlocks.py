@@ -1,0 +1,274 @@
+"""The interlocks: what takes the pumps off, by name, in the order in which a trip names its cause.
+
+Each looks at one step's `Situation` and says whether it stands. TRIP: disabled at 0 V in the same step, latched.
+STOP: an orderly ramp down. Trips come first in the table, so that the worst action wins. An operator may bypass those
+that judge the process by what the diagnosis believes, for a time; never one by which the node, the bus or a level
+is gone, or a tank may overflow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from math import isfinite
+
+from hil.core.overshoot import peak_levels
+from hil.core.tanks import TankModel
+from hil.core.types import Diagnosis, Inputs, NodeState, Pair, Quad, TripCause
+
+ALL = (True, True, True, True)
+SOUND = Diagnosis()
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Configuration of the supervisor, from the rig file's [safety], [pumps], [sensors] and [tanks].
+
+    rim_margin_cm : a predicted peak must stay this far below the rim. invalid_run_max, refused_run_max,
+    errors_per_s_max : the first number that is too many. echo_tolerance_V, echo_mismatch_s : by how much and how long
+    the applied voltages may differ from the command echoed. dead_below, dry_run_V : a pump with less effectiveness
+    than this is dead; both, with a pump driven above this voltage, run dry. bypass_max_s : no bypass is longer.
+    """
+
+    range_V: Pair
+    rate_V_s: float
+    stop_ramp_V_s: float
+    model: TankModel
+    lag_s: float
+    level_gain_V_cm: float
+    level_max_cm: float
+    rim_margin_cm: float
+    levels_age_max_s: float
+    status_age_max_s: float
+    heartbeat_age_max_s: float
+    echo_age_max_s: float
+    echo_tolerance_V: float
+    echo_mismatch_s: float
+    invalid_run_max: int
+    refused_run_max: int
+    errors_per_s_max: int
+    dead_below: float
+    dry_run_V: float
+    stops_on_dead_pump: bool
+    bypass_max_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Belief:
+    """What the closed loop makes of this step.
+
+    level_cm : (4,) estimated levels, None before there are any. pump_V : (2,) what the pumps still deliver, lag
+    included. accommodates : whether the law follows the diagnosis.
+    """
+
+    diagnosis: Diagnosis = SOUND
+    level_cm: Quad | None = None
+    pump_V: Pair = (0.0, 0.0)
+    accommodates: bool = False
+
+
+NO_BELIEF = Belief()
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """All that an interlock may look at.
+
+    level_cm : (4,) the best that is known of the levels. pump_V : (2,) the most that a pump may still be delivering.
+    mismatch_s : for how long the applied voltages have differed from the command echoed.
+    """
+
+    inputs: Inputs
+    diagnosis: Diagnosis
+    level_cm: Quad
+    pump_V: Pair
+    mismatch_s: float
+
+
+class Reaction(Enum):
+    """What an interlock does when it stands."""
+
+    TRIP = "trip"
+    STOP = "stop"
+
+
+@dataclass(frozen=True, slots=True)
+class Interlock:
+    """A row of the table. detail : numbers for the text, "" when there is nothing to add."""
+
+    cause: TripCause
+    stands: Callable[[Limits, Situation], bool]
+    text: str
+    reaction: Reaction = Reaction.TRIP
+    may_bypass: bool = False
+    detail: Callable[[Situation], str] | None = None
+
+    def describe(self, situation: Situation) -> str:
+        """The text, with its numbers."""
+        detail = self.detail(situation) if self.detail is not None else ""
+        return f"{self.text}: {detail}" if detail else self.text
+
+
+def levels_cm(limits: Limits, inputs: Inputs, belief: Belief) -> Quad:
+    """The best that is known of each level, in cm.
+
+    The reading; the estimate where the newest reading is not valid; the diagnosis' own level where it does not trust
+    the sensor.
+    """
+    k = limits.level_gain_V_cm
+    measurement, diagnosis = inputs.measurement, belief.diagnosis
+    y1, y2, y3, y4 = measurement.level_V
+    if measurement.valid == ALL and diagnosis.trusted == ALL:
+        return (y1 / k, y2 / k, y3 / k, y4 / k)
+    best = [y1 / k, y2 / k, y3 / k, y4 / k]
+    for channel in range(4):
+        if not diagnosis.trusted[channel]:
+            if diagnosis.level_V is not None:
+                best[channel] = diagnosis.level_V[channel] / k
+        elif not measurement.valid[channel] and belief.level_cm is not None:
+            best[channel] = belief.level_cm[channel]
+    h1, h2, h3, h4 = best
+    return (h1, h2, h3, h4)
+
+
+def _a_level_is_unknown(limits: Limits, s: Situation) -> bool:
+    """A sensor that is taken at its word has to be valid; one that is not trusted needs the diagnosis in its place."""
+    measurement, diagnosis = s.inputs.measurement, s.diagnosis
+    if diagnosis.trusted == ALL:
+        return max(measurement.invalid_run) >= limits.invalid_run_max or not all(map(isfinite, measurement.level_V))
+    substitute = diagnosis.level_V
+    for channel in range(4):
+        if not diagnosis.trusted[channel]:
+            if substitute is None or not isfinite(substitute[channel]):
+                return True
+        elif measurement.invalid_run[channel] >= limits.invalid_run_max or not isfinite(measurement.level_V[channel]):
+            return True
+    return False
+
+
+def _will_overflow(limits: Limits, s: Situation) -> bool:
+    if max(s.level_cm) > limits.level_max_cm:
+        return True
+    rim_cm = limits.model.height_cm - limits.rim_margin_cm
+    return max(peak_levels(limits.model, limits.lag_s, s.level_cm, s.pump_V)) > rim_cm
+
+
+def _runs_dry(limits: Limits, s: Situation) -> bool:
+    return max(s.diagnosis.effectiveness) < limits.dead_below and max(s.inputs.pumps.applied_V) > limits.dry_run_V
+
+
+INTERLOCKS: tuple[Interlock, ...] = (
+    Interlock(
+        TripCause.BUS_FAILED,
+        lambda _, s: not s.inputs.bus.is_up,
+        "the CAN bus is gone",
+        detail=lambda s: s.inputs.bus.last_error,
+    ),
+    Interlock(
+        TripCause.FOREIGN_COMMAND,
+        lambda _, s: s.inputs.bus.foreign_commands > 0,
+        "somebody else sends pump commands",
+    ),
+    Interlock(
+        TripCause.NODE_TRIPPED,
+        lambda _, s: s.inputs.pumps.state is NodeState.TRIPPED,
+        "the pump node has tripped",
+    ),
+    Interlock(TripCause.NODE_REBOOTED, lambda _, s: s.inputs.nodes.rebooted, "a node has booted anew"),
+    Interlock(
+        TripCause.WRONG_CONTRACT,
+        lambda _, s: not s.inputs.nodes.contract_matches,
+        "a node was built for another DBC",
+    ),
+    Interlock(
+        TripCause.FRAMES_REFUSED,
+        lambda m, s: s.inputs.bus.refused_run >= m.refused_run_max,
+        "frames of one identifier are refused one after the other",
+    ),
+    Interlock(
+        TripCause.ERROR_STORM,
+        lambda m, s: s.inputs.bus.errors_per_s >= m.errors_per_s_max,
+        "a storm of error frames",
+        may_bypass=True,
+        detail=lambda s: f"{s.inputs.bus.errors_per_s} within a second",
+    ),
+    Interlock(
+        TripCause.STALE_LEVELS,
+        lambda m, s: s.inputs.measurement.age_s > m.levels_age_max_s,
+        "levels are too old",
+    ),
+    Interlock(
+        TripCause.STALE_STATUS,
+        lambda m, s: s.inputs.pumps.age_s > m.status_age_max_s,
+        "the pump node's status is too old",
+    ),
+    Interlock(
+        TripCause.NODE_LOST,
+        lambda m, s: s.inputs.nodes.age_s > m.heartbeat_age_max_s,
+        "a node's heartbeat is too old",
+    ),
+    Interlock(
+        TripCause.NODE_REBOOTED,
+        lambda _, s: s.inputs.pumps.state is NodeState.BOOT,
+        "the pump node is booting",
+    ),
+    Interlock(
+        TripCause.ECHO_MISSING,
+        lambda m, s: s.inputs.pumps.unechoed_s > m.echo_age_max_s,
+        "commands are not echoed",
+    ),
+    Interlock(
+        TripCause.ECHO_MISMATCH,
+        lambda m, s: s.mismatch_s > m.echo_mismatch_s,
+        "the pump node does not apply what it echoes",
+        may_bypass=True,
+        detail=lambda s: "short of {:.3g} and {:.3g} V".format(*s.inputs.pumps.shortfall_V),
+    ),
+    Interlock(
+        TripCause.INVALID_LEVELS,
+        _a_level_is_unknown,
+        "a level is out of range or its sensor has failed",
+    ),
+    Interlock(
+        TripCause.SENSORS_LOST,
+        lambda _, s: s.diagnosis.trusted.count(False) > 1,
+        "more than one level sensor is lost",
+    ),
+    Interlock(
+        TripCause.HIGH_LEVEL,
+        _will_overflow,
+        "a tank is about to overflow",
+        detail=lambda s: "levels of {:.2f}, {:.2f}, {:.2f}, {:.2f} cm".format(*s.level_cm),
+    ),
+    Interlock(
+        TripCause.PUMP_STUCK_ON,
+        lambda _, s: any(s.diagnosis.stuck_on),
+        "a pump runs whatever it is told",
+    ),
+    Interlock(TripCause.DRY_RUN, _runs_dry, "both pumps run dry", may_bypass=True),
+    Interlock(
+        TripCause.ESTIMATOR_DIVERGED,
+        lambda _, s: s.diagnosis.is_diverged,
+        "the estimates no longer explain the readings",
+        may_bypass=True,
+    ),
+    Interlock(
+        TripCause.PUMP_DEAD,
+        lambda m, s: m.stops_on_dead_pump and min(s.diagnosis.effectiveness) < m.dead_below,
+        "a pump is dead",
+        Reaction.STOP,
+        may_bypass=True,
+    ),
+)
+"""In the order in which a trip names its cause when several stand."""
+
+BYPASSABLE = frozenset(interlock.cause for interlock in INTERLOCKS if interlock.may_bypass)
+
+
+def standing(limits: Limits, situation: Situation, bypassed: tuple[TripCause, ...] = ()) -> Interlock | None:
+    """The first interlock that stands and is not bypassed; None when all is well."""
+    for interlock in INTERLOCKS:
+        if interlock.stands(limits, situation) and interlock.cause not in bypassed:
+            return interlock
+    return None

@@ -1,0 +1,66 @@
+"""How high the tanks would still rise if both pumps were stopped now.
+
+What has been pumped up still comes down: tank 3 drains into tank 1, tank 4 into tank 2. With no inflow,
+
+    A_u h_u' = -a_u sqrt(2 g h_u)                      the upper tank: sqrt(h_u) falls at a constant pace
+    A_l h_l' =  a_u sqrt(2 g h_u) - a_l sqrt(2 g h_l)  the lower one: highest where a_l^2 h_l = a_u^2 h_u
+
+With w = sqrt(h_l/h_u), alpha = A_u/A_l, beta = a_l/a_u the second over the first is separable:
+
+    d ln sqrt(h_u) = -w dw/(w^2 - alpha beta w + alpha),   peak at w = 1/beta
+
+Pumps deliver on while their lag fades, a volume of k_j v_j times the lag. Outflow grows with level, so water that comes
+in besides lifts a tank, or the one below it, by no more than its own volume: it is added on top, an upper bound.
+"""
+
+from __future__ import annotations
+
+from cmath import log as complex_log
+from cmath import sqrt as complex_sqrt
+from math import exp
+
+from hil.core.tanks import TankModel
+from hil.core.types import Pair, Quad
+
+LEAST_ROOT = 1e-6
+"""The two roots of w^2 - alpha beta w + alpha are kept at least this far apart."""
+
+
+def peak_levels(model: TankModel, lag_s: float, level_cm: Quad, pump_V: Pair) -> Quad:
+    """The highest that each level can become, in cm, with the pumps stopped now.
+
+    pump_V : (2,) the most that each pump may still be delivering, as a voltage.
+    """
+    A1, A2, A3, A4 = model.area_cm2
+    a1, a2, a3, a4 = model.outlet_cm2
+    (k1, k2), (g1, g2) = model.pump_gain_cm3_Vs, model.valve_split
+    h1, h2, h3, h4 = level_cm
+    late1_cm3, late2_cm3 = k1 * pump_V[0] * lag_s, k2 * pump_V[1] * lag_s
+    late3_cm3, late4_cm3 = (1.0 - g2) * late2_cm3, (1.0 - g1) * late1_cm3
+    peak1 = h1 if a3 * a3 * h3 <= a1 * a1 * h1 else drained_peak(A3 / A1, a1 / a3, h3, h1)
+    peak2 = h2 if a4 * a4 * h4 <= a2 * a2 * h2 else drained_peak(A4 / A2, a2 / a4, h4, h2)
+    return (
+        peak1 + (g1 * late1_cm3 + late3_cm3) / A1,
+        peak2 + (g2 * late2_cm3 + late4_cm3) / A2,
+        h3 + late3_cm3 / A3,
+        h4 + late4_cm3 / A4,
+    )
+
+
+def drained_peak(alpha: float, beta: float, upper_cm: float, lower_cm: float) -> float:
+    """Highest level in cm of a lower tank that still rises while the one above it drains into it.
+
+    alpha : A_u/A_l. beta : a_l/a_u. It rises as long as beta^2 lower_cm < upper_cm.
+    """
+    half = 0.5 * alpha * beta
+    root = complex_sqrt(half * half - alpha)
+    if abs(root) < LEAST_ROOT:
+        root = complex(LEAST_ROOT)
+    first, second = half + root, half - root
+
+    def integral(w: float) -> complex:
+        return (first * complex_log(w - first) - second * complex_log(w - second)) / (first - second)
+
+    start = (max(lower_cm, 0.0) / upper_cm) ** 0.5
+    ratio = exp(-(integral(1.0 / beta) - integral(start)).real)
+    return upper_cm * ratio * ratio / (beta * beta)
