@@ -1,7 +1,8 @@
 """Command firmware-sim: serve the emulated rig on a CAN bus, a TCP port or a pseudo-terminal.
 
 Exit codes: 0 after SIGTERM, SIGINT or SIGHUP; 1 if the service failed; 2 for bad input. Errors are one line on
-stderr. One line on stdout says when the rig is ready and where.
+stderr. One line on stdout says when the rig is ready and where, with --control a second one where it takes commands;
+after that come the answers to commands on standard input.
 """
 
 import errno
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
+    from firmware_sim.control import Control
     from firmware_sim.ports import Port
     from firmware_sim.rig import Rig
 
@@ -35,6 +37,9 @@ def serve(
     scenario: Annotated[str | None, typer.Option(help="Scenario: a file, or a name in scenarios/.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the sensor noise.")] = 0,
     record: Annotated[Path | None, typer.Option(help="New file for state and voltage changes (JSON lines).")] = None,
+    control: Annotated[
+        str | None, typer.Option(metavar="PATH|PORT", help="Take failure commands here, not only on standard input.")
+    ] = None,
     config: Annotated[Path | None, typer.Option(help="Directory with bench.dbc and emulator.toml.")] = None,
 ) -> None:
     """Emulate the four-tank rig: pump node, level node and tanks, in real time."""
@@ -51,12 +56,14 @@ def serve(
     except OSError as error:
         raise UsageError(f"--record {record}: {error.strerror}") from None
     rig = Rig(settings, faults, seed, fingerprint, observer)
+    commands = _control(rig, control)
     try:
         if interface is not None:
-            _serve_bus(rig, interface, channel, bitrate)
+            _serve_bus(rig, commands, interface, channel, bitrate)
         else:
-            _serve_slcan(rig, slcan)
+            _serve_slcan(rig, commands, slcan)
     finally:
+        commands.close()
         if observer is not None:
             observer.close()
 
@@ -79,23 +86,36 @@ def _scenario_file(folder: Path, scenario: str | None) -> Path | None:
     return named if not Path(scenario).exists() and named.is_file() else Path(scenario)
 
 
-def _serve_slcan(rig: "Rig", tcp_port: int | None) -> None:
+def _control(rig: "Rig", where: str | None) -> "Control":
+    from firmware_sim.control import Control, listen_unix
+    from firmware_sim.links import listen
+
+    if where is None:
+        return Control(rig, with_stdin=True)
+    try:
+        listener = listen(int(where)) if where.isdecimal() else listen_unix(Path(where))
+    except (OSError, OverflowError) as error:
+        raise UsageError(f"--control {where}: {getattr(error, 'strerror', None) or error}") from None
+    return Control(rig, listener, with_stdin=True)
+
+
+def _serve_slcan(rig: "Rig", control: "Control", tcp_port: int | None) -> None:
     from firmware_sim.links import listen
     from firmware_sim.ports import PtyPort, TcpPort
 
     if tcp_port is None:
         pty_port = PtyPort(rig)
-        _run(rig, pty_port, f"slcan on {pty_port.path}")
+        _run(rig, control, pty_port, f"slcan on {pty_port.path}")
         return
     try:
         listener = listen(tcp_port)
     except OSError as error:
         raise UsageError(f"--slcan {tcp_port}: {error.strerror}") from None
     address = f"socket://127.0.0.1:{listener.getsockname()[1]}"
-    _run(rig, TcpPort(rig, listener), f"slcan on {address}")
+    _run(rig, control, TcpPort(rig, listener), f"slcan on {address}")
 
 
-def _serve_bus(rig: "Rig", interface: str, channel: str | None, bitrate: int | None) -> None:
+def _serve_bus(rig: "Rig", control: "Control", interface: str, channel: str | None, bitrate: int | None) -> None:
     import can
 
     from firmware_sim.ports import BUS_ERRORS, BusPort
@@ -109,7 +129,7 @@ def _serve_bus(rig: "Rig", interface: str, channel: str | None, bitrate: int | N
         what = " ".join(str(error).split()) or type(error).__name__
         raise UsageError(f"-i {interface} -c {channel}: cannot open the bus: {what}") from None
     with bus:
-        _run(rig, BusPort(rig, bus), f"{interface} on {channel}")
+        _run(rig, control, BusPort(rig, bus), f"{interface} on {channel}")
 
 
 def _has_socketcan() -> bool:
@@ -124,15 +144,17 @@ def _has_socketcan() -> bool:
     return True
 
 
-def _run(rig: "Rig", port: "Port", where: str) -> None:
+def _run(rig: "Rig", control: "Control", port: "Port", where: str) -> None:
     import signal
 
     from firmware_sim.serve import Service
 
-    service = Service(rig, port)
+    service = Service(rig, port, control=control)
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, lambda _number, _frame: service.stop())
     sys.stdout.write(f"firmware-sim ready: {where}\n")
+    if control.address is not None:
+        sys.stdout.write(f"firmware-sim control: {control.address}\n")
     sys.stdout.flush()
     service.serve()
 

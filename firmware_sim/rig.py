@@ -7,8 +7,6 @@ nanosecond of such an event comes after it.
 Results do not depend on how `advance` cuts time into pieces, nor on who asks for the truth.
 """
 
-from dataclasses import dataclass
-
 from can import Message
 
 from firmware_sim.draw import Turbulence, drawn, parts
@@ -18,6 +16,7 @@ from firmware_sim.level_node import LevelNode, Quad
 from firmware_sim.pump_node import Change, Observer, PumpNode
 from firmware_sim.settings import EmulatorSettings
 from firmware_sim.tanks import Tanks
+from firmware_sim.truth import Truth
 from firmware_sim.wire import (
     COMMAND_ID,
     LEVEL_HEARTBEAT_ID,
@@ -30,26 +29,10 @@ from firmware_sim.wire import (
     Rejection,
 )
 
+__all__ = ["Rig", "Truth"]
+
 NEVER_NS = 1 << 63
 NS_PER_H = 3600 * NS_PER_S
-
-
-@dataclass(frozen=True, slots=True)
-class Truth:
-    """What no sensor tells: the state of the rig now. scenario_s is None until the pump node first runs.
-
-    effectiveness : share of the flow of a pump as new, less wear and with any fault. faults : those active now, by kind
-    and target.
-    """
-
-    t_s: float
-    scenario_s: float | None
-    levels_cm: Quad
-    applied_V: tuple[float, float]
-    effectiveness: tuple[float, float]
-    spilled_cm3: float
-    pump_state: NodeState
-    faults: tuple[str, ...] = ()
 
 
 def _ignore(change: Change) -> None:
@@ -134,6 +117,24 @@ class Rig:
         else:
             self._hear(frame, now_ns)
         return self._heard
+
+    def inject(self, fault: Fault, now_ns: int) -> None:
+        """Let a fault begin now; its own times count from now. Raises ValueError if now_ns lies in the past."""
+        self._catch_up(now_ns)
+        self._faults.inject(fault, now_ns)
+        self._happen_rarely(now_ns)
+
+    def recover(self, kinds: set[str], targets: set[int | str] | None, now_ns: int) -> int:
+        """End what is active of these kinds and targets (None: any); return how many faults that were.
+
+        Raises ValueError if now_ns lies in the past.
+        """
+        self._catch_up(now_ns)
+        count = self._faults.end(
+            lambda fault: fault.kind in kinds and (targets is None or fault.target in targets), now_ns
+        )
+        self._happen_rarely(now_ns)
+        return count
 
     def power_off(self, now_ns: int) -> None:
         """Put the outputs at 0 V, whatever the clock says."""

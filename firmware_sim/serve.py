@@ -7,6 +7,7 @@ import selectors
 import time
 from collections.abc import Callable
 
+from firmware_sim.control import Control
 from firmware_sim.faults import NS_PER_S
 from firmware_sim.ports import Port
 from firmware_sim.rig import Rig
@@ -22,11 +23,21 @@ class PortLostError(RuntimeError):
 
 
 class Service:
-    """Runs a rig on a port until it is told to stop. The rig's time 0 is the moment of construction."""
+    """Runs a rig on a port until it is told to stop. The rig's time 0 is the moment of construction.
 
-    def __init__(self, rig: Rig, port: Port, monotonic_ns: Callable[[], int] = time.monotonic_ns) -> None:
+    control : where commands for the rig come from; closed with the port.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        port: Port,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+        control: Control | None = None,
+    ) -> None:
         self._rig = rig
         self._port = port
+        self._control = Control(rig) if control is None else control
         self._monotonic_ns = monotonic_ns
         self._power_up_ns = monotonic_ns()
         self._failing_since_ns: int | None = None
@@ -49,6 +60,7 @@ class Service:
                 self._rig.power_off(self._now_ns())
             finally:
                 self._port.close()
+                self._control.close()
 
     def _now_ns(self) -> int:
         return self._monotonic_ns() - self._power_up_ns
@@ -56,6 +68,7 @@ class Service:
     def _turn(self, now_ns: int) -> None:
         """Read, advance, send. After a long stall only what is still fresh is sent, not a burst."""
         self._note_health(self._port.read(now_ns), now_ns)
+        self._control.read(now_ns)
         frames = self._rig.advance(now_ns)
         oldest_s = (now_ns - STALE_NS) / NS_PER_S
         fresh = [frame for frame in frames if frame.timestamp >= oldest_s]
@@ -73,12 +86,13 @@ class Service:
     def _wait(self, selector: selectors.BaseSelector) -> None:
         """Sleep until the rig's next event or until there is something to read."""
         is_failing = self._failing_since_ns is not None
-        wanted = set() if is_failing else set(self._port.filenos())
+        of_port = [] if is_failing else self._port.filenos()
+        wanted = {*of_port, *self._control.filenos()}
         watched = set(selector.get_map())
         for fd in watched - wanted:
             selector.unregister(fd)
         for fd in wanted - watched:
             selector.register(fd, selectors.EVENT_READ)
-        longest_s = LONGEST_WAIT_S if wanted or is_failing else ASK_AGAIN_S
+        longest_s = LONGEST_WAIT_S if of_port or is_failing else ASK_AGAIN_S
         due_s = (self._rig.next_event_ns - self._now_ns()) / NS_PER_S
         selector.select(min(max(due_s, 0.0), longest_s))

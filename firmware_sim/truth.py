@@ -1,0 +1,24 @@
+"""What no sensor tells."""
+
+from dataclasses import dataclass
+
+from firmware_sim.level_node import Quad
+from firmware_sim.wire import NodeState
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What no sensor tells: the state of the rig now. scenario_s is None until the pump node first runs.
+
+    effectiveness : share of the flow of a pump as new, less wear and with any fault. faults : those active now, by kind
+    and target.
+    """
+
+    t_s: float
+    scenario_s: float | None
+    levels_cm: Quad
+    applied_V: tuple[float, float]
+    effectiveness: tuple[float, float]
+    spilled_cm3: float
+    pump_state: NodeState
+    faults: tuple[str, ...] = ()

@@ -1,0 +1,145 @@
+"""The way of commands into the emulator: sockets by hand, the process with its standard input."""
+
+import os
+import select
+import socket
+import subprocess
+import sys
+
+import pytest
+from fault_bench import rig_with
+from sim_bench import SECOND
+
+from firmware_sim.control import LINE_MAX, Control, Lines, listen_unix
+from firmware_sim.links import listen
+
+
+def test_lines_come_cut_anywhere_and_long_ones_are_cut_off():
+    lines = Lines()
+    assert lines.feed(b"fail") == []
+    assert lines.feed(b"ure pump ok\r\n\n failure ") == ["failure pump ok"]
+    assert lines.feed(b"help\n") == ["failure help"]
+    assert lines.feed(b"x" * 5000) == []
+    assert lines.feed(b"y" * 5000 + b"\nfailure help\n") == ["x" * LINE_MAX, "failure help"]
+    assert lines.feed(b"\xff\n") == ["\ufffd"]
+
+
+@pytest.fixture(params=["tcp", "unix"])
+def control(request, tmp_path):
+    rig = rig_with()
+    rig.advance(SECOND)
+    listener = listen(0) if request.param == "tcp" else listen_unix(tmp_path / "control")
+    control = Control(rig, listener)
+    control.rig = rig
+    yield control
+    control.close()
+
+
+def connected(control):
+    address = control.address
+    if address.startswith("/"):
+        client = socket.socket(socket.AF_UNIX)
+        client.connect(address)
+    else:
+        client = socket.create_connection(("127.0.0.1", int(address.split(":")[1])))
+    client.settimeout(5.0)
+    return client
+
+
+def test_each_line_gets_its_answer_on_its_own_socket(control):
+    with connected(control) as first, connected(control) as second:
+        first.sendall(b"failure pump off -i 1\nfailure pump garbage\n")
+        second.sendall(b"failure help\n")
+        control.read(SECOND)
+        assert first.recv(1000).decode().splitlines() == [
+            "ok pump_dead 1",
+            "error: pump has no failure type 'garbage': one of ok, off, stuck, slow, wrong, pump_effectiveness, "
+            "pump_lag, pump_stuck_on, pump_dead",
+        ]
+        assert second.recv(1000).startswith(b"ok failure")
+        assert control.rig.truth().effectiveness == (0.0, 1.0)
+        assert len(control.filenos()) == 3
+    control.read(SECOND)
+    assert len(control.filenos()) == 1
+
+
+def test_a_host_that_never_reads_is_dropped(control):
+    with connected(control) as client:
+        control.read(SECOND)
+        client.setblocking(False)
+        for _ in range(3000):
+            try:
+                client.send(b"failure help\n" * 50)
+            except OSError:
+                break
+            control.read(SECOND)
+            if len(control.filenos()) == 1:
+                break
+        assert len(control.filenos()) == 1
+
+
+def test_a_path_in_use_is_refused_and_an_abandoned_one_is_taken_over(tmp_path):
+    path = tmp_path / "control"
+    first = listen_unix(path)
+    with pytest.raises(OSError, match="in use"):
+        listen_unix(path)
+    first.close()
+    Control(rig_with(), listen_unix(path)).close()
+    assert not path.exists()
+    path.write_text("precious")
+    with pytest.raises(OSError, match="in use"):
+        listen_unix(path)
+    assert path.read_text() == "precious"
+
+
+def line_of(process, timeout_s=10.0):
+    assert select.select([process.stdout], [], [], timeout_s)[0], "no line in time"
+    return process.stdout.readline()
+
+
+@pytest.mark.live
+def test_the_process_takes_commands_on_standard_input_and_a_socket(tmp_path):
+    path = tmp_path / "control"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "firmware_sim", "--slcan", "0", "--control", str(path)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        bufsize=1,
+    )
+    try:
+        assert line_of(process).startswith("firmware-sim ready")
+        assert line_of(process) == f"firmware-sim control: {path}\n"
+        process.stdin.write("failure level stuck -i 2\n")
+        assert line_of(process) == "ok sensor_stuck 2\n"
+        process.stdin.write("nonsense\n")
+        assert line_of(process).startswith("error: unknown command 'nonsense'")
+        process.stdin.close()
+        with socket.socket(socket.AF_UNIX) as client:
+            client.settimeout(5.0)
+            client.connect(str(path))
+            client.sendall(b"failure level ok\n")
+            assert client.recv(100) == b"ok level: 1 ended\n"
+        assert process.poll() is None
+        process.terminate()
+        assert process.wait(5.0) == 0
+        assert not path.exists()
+    finally:
+        process.kill()
+        process.communicate() if not process.stdin.closed else process.wait()
+
+
+@pytest.mark.parametrize("where", ["/nowhere/at/all", "99999"])
+def test_a_control_address_that_can_not_be_had_is_one_line(where):
+    done = subprocess.run(
+        [sys.executable, "-m", "firmware_sim", "--pty", "--control", where],
+        capture_output=True,
+        text=True,
+        timeout=20,
+        check=False,
+        stdin=subprocess.DEVNULL,
+        env=os.environ,
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"firmware-sim: --control {where}: ")
+    assert done.stderr.count("\n") == 1
