@@ -57,11 +57,11 @@ def poisson_rate(events: int, hours: float, confidence: float = CONFIDENCE) -> R
     """Rate of rare events with its exact confidence limits (Garwood 1936), two-sided."""
     if hours <= 0.0:
         return Rate(events, hours, None, None, None)
-    from scipy.stats import chi2
+    from scipy.special import gammaincinv  # half the quantile of chi2 with twice as many degrees of freedom
 
     tail = 0.5 * (1.0 - confidence)
-    low = 0.5 * float(chi2.ppf(tail, 2 * events)) if events else 0.0
-    high = 0.5 * float(chi2.ppf(1.0 - tail, 2 * events + 2))
+    low = float(gammaincinv(events, tail)) if events else 0.0
+    high = float(gammaincinv(events + 1, 1.0 - tail))
     return Rate(events, hours, events / hours, low / hours, high / hours)
 
 

@@ -1,0 +1,105 @@
+"""Helpers of the campaign tests: short scenarios, campaign files, made-up rows."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+from hil.campaign.cases import Case, expand
+from hil.campaign.outcome import crash
+from hil.campaign.row import Row, Took
+from hil.campaign.spec import load_spec
+from hil.edge.settings import read_toml
+
+ROOT = Path(__file__).resolve().parents[2]
+CONFIG = ROOT / "config"
+
+SHORT = """[scenario]
+name = "short"
+duration_s = 12.0
+
+[[fault]]
+at_s = 4.05
+kind = "pump_effectiveness"
+target = 1
+value = 0.4
+
+[diagnosis]
+method = "ideal"
+delay_s = 1.0
+
+[[window]]
+name = "loss"
+from_s = 4.0
+to_s = 10.0
+"""
+
+GRID = """[campaign]
+name = "grid"
+scenarios = ["short.toml"]
+first_seed = 5
+seeds = 3
+
+[emulator]
+parameter_spread = 0.03
+
+[diagnosis]
+delay_s = 0.5
+
+[[fault]]
+kind = "pump_effectiveness"
+targets = [1, 2, [1, 2]]
+values = [0.4, 0.8]
+onset_s = [3.0, 4.0]
+lasts_s = 5.0
+"""
+
+PAIRS = """
+[pairs]
+onset_s = [3.0, 6.0]
+
+[[pairs.pool]]
+kind = "pump_effectiveness"
+targets = [1, 2]
+value_range = [0.1, 0.9]
+
+[[pairs.pool]]
+kind = "sensor_bias"
+targets = [1, 2, 3, 4]
+value_range = [-0.5, 0.5]
+
+[[pairs.pool]]
+kind = "sensor_stuck"
+targets = [1, 2, 3, 4]
+"""
+
+
+def campaign_file(folder: Path, text: str = GRID) -> Path:
+    """A campaign file with its scenario beside it."""
+    (folder / "short.toml").write_text(SHORT)
+    file = folder / "grid.toml"
+    file.write_text(text)
+    return file
+
+
+def cases_of(file: Path, digest: str = "") -> tuple[Case, ...]:
+    spec, scenarios = load_spec(file)
+    return expand(spec, [read_toml(path) for path in scenarios], digest)
+
+
+def first_case(file: Path) -> Case:
+    return cases_of(file)[0]
+
+
+def row(**changes: Any) -> Row:
+    """A sound run without a fault, but for the changes."""
+    sound = crash(Case("key", "no fault", "short", 1, {}), RuntimeError(), Took(2.0, 1.0))
+    sound = replace(sound, crashed=False, broken="", status="complete", reason="", hours=0.5, healthy_h=0.5, steps=1000)
+    return replace(sound, **changes)
+
+
+def without_times(rows: list[Row]) -> list[dict[str, Any]]:
+    """Rows by key, without what no two runs have in common."""
+    plain = [{**asdict(one), "wall_s": None, "cpu_s": None} for one in rows]
+    return sorted(plain, key=lambda one: str(one["key"]))

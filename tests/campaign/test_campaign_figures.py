@@ -1,0 +1,211 @@
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from campaign_bench import row
+
+from hil.campaign import outcome, statistics
+from hil.campaign.cases import Case
+from hil.campaign.observer import COLUMNS, Observations, Observer, rate_broken
+from hil.campaign.outcome import Bench, Rest
+from hil.campaign.report import render
+from hil.campaign.row import INVARIANTS, Row, Took
+from hil.campaign.store import Store
+from hil.core.types import Mode, Pair, TickRecord
+from hil.edge.run_folder import RunFolderError
+from hil.loop import Outcome as Ending
+
+BENCH = Bench(windows=(), period_s=0.1, rate_V_s=20.0, height_cm=20.0, level_gain_V_cm=0.5)
+REST = Rest(spilled_cm3=0.0, applied_V=(0.0, 0.0))
+FAULTY = Case("k", "leak 1 = 0.2", "s", 1, {"fault": [{"kind": "leak", "target": 1, "value": 0.2, "at_s": 4.0}]})
+
+
+@dataclass
+class Pump:
+    applied_V: Pair = (3.0, 3.0)
+    accepted: int = 0
+
+
+@dataclass(frozen=True)
+class Change:
+    t_ns: int
+    state: int
+    applied_V: tuple[float, ...]
+    cause: str = "command"
+    node: str = "pump"
+
+
+def seen(steps: int = 100, **columns: object) -> Observations:
+    """A run at rest at 3 V and 10 cm, but for the columns given."""
+    sound: dict[str, object] = {"t_s": np.arange(steps) * 0.1, "r1_V": 5.0, "r2_V": 5.0, "v1_V": 3.0, "v2_V": 3.0}
+    sound |= {f"h{tank}_cm": 10.0 for tank in (1, 2, 3, 4)} | {"accepted": np.arange(steps), "e1": 1.0, "e2": 1.0}
+    table = np.empty((steps, len(COLUMNS)))
+    for name, values in {**sound, **columns}.items():
+        table[:, COLUMNS.index(name)] = values
+    return Observations(table, (), "", "")
+
+
+def judged(observations: Observations, case: Case = FAULTY, rest: Rest = REST, bench: Bench = BENCH) -> Row:
+    ending = Ending("complete", "", 10.0, 100, 0, 0)
+    return outcome.evaluate(case, bench, observations, ending, rest, took=Took(1.0, 1.0))
+
+
+def at(step: int, value: float, otherwise: float, steps: int = 100) -> np.ndarray:
+    values = np.full(steps, otherwise)
+    values[step] = value
+    return values
+
+
+def test_a_sound_run_breaks_nothing() -> None:
+    one = judged(seen())
+    assert (one.breaks, one.broken, one.level_max_cm) == ((), "", 10.0)
+
+
+def test_water_over_the_rim_is_an_overflow() -> None:
+    assert judged(seen(), rest=replace(REST, spilled_cm3=1e-9)).breaks == ("overflow",)
+    assert judged(seen(h3_cm=at(50, 20.001, 10.0))).breaks == ("overflow",)
+    assert judged(seen(h3_cm=at(50, 20.0, 10.0))).breaks == ()
+
+
+@pytest.mark.parametrize("jump_V", [1.9, 2.0])
+def test_a_change_within_the_rate_is_fine(jump_V: float) -> None:
+    assert judged(seen(v1_V=np.where(np.arange(100) >= 50, 3.0 + jump_V, 3.0))).breaks == ()
+
+
+@pytest.mark.parametrize("pump", [1, 2])
+@pytest.mark.parametrize("jump_V", [2.02, -2.02])
+def test_a_steeper_one_is_not(pump: int, jump_V: float) -> None:
+    one = judged(seen(**{f"v{pump}_V": np.where(np.arange(100) >= 50, 3.0 + jump_V, 3.0)}))
+    assert one.breaks == ("rate_broken",)
+    assert f"v{pump} from 3.000" in one.broken
+
+
+def test_after_lost_commands_an_output_may_catch_up_and_going_to_zero_is_always_allowed() -> None:
+    accepted = np.minimum(np.arange(100), 49) + np.maximum(np.arange(100) - 51, 0)  # two commands are lost
+    assert rate_broken(seen(accepted=accepted, v1_V=np.where(np.arange(100) >= 52, 8.0, 3.0)), 20.0, 0.1) == ""
+    assert rate_broken(seen(v1_V=np.where(np.arange(100) >= 50, 0.0, 9.0)), 20.0, 0.1) == ""
+
+
+@pytest.mark.parametrize(("volts", "is_fine"), [(10.0, True), (10.001, False), (0.0, True), (-0.001, False)])
+def test_outputs_out_of_range_are_seen_at_the_change(volts: float, is_fine: bool) -> None:
+    observer = Observer((0.0, 10.0))
+    observer.on_change(Change(1_000_000_000, 2, (3.0, volts)))
+    assert (observer.result().range_broken == "") is is_fine
+
+
+def test_a_node_that_moves_after_its_trip_is_seen_unless_it_was_cleared() -> None:
+    observer = Observer((0.0, 10.0))
+    observer.on_change(Change(1, 3, (0.0, 0.0), "watchdog"))
+    observer.on_change(Change(2, 3, (0.0, 0.0)))
+    assert observer.result().latch_broken == ""
+    observer.on_change(Change(3, 1, (0.0, 0.0), "cleared"))
+    observer.on_change(Change(4, 2, (3.0, 3.0)))
+    assert observer.result().latch_broken == ""
+    observer.on_change(Change(5, 3, (0.0, 0.0), "watchdog"))
+    observer.on_change(Change(6, 0, (0.0, 0.0), "booted"))
+    observer.on_change(Change(7, 2, (0.0, 0.1)))
+    assert "moved again" in observer.result().latch_broken
+
+
+@pytest.mark.parametrize(("after_s", "is_fine"), [(0.2, True), (0.3, False)])
+def test_outputs_after_the_controllers_trip_are_seen(tick: TickRecord, after_s: float, is_fine: bool) -> None:
+    observer = Observer((0.0, 10.0), Pump())
+    for t_s in (5.0, 5.0 + after_s):
+        observer.tick(replace(tick, t_s=t_s, mode=Mode.TRIPPED), (1.0, 1.0, 1.0, 1.0))
+    assert (observer.result().latch_broken == "") is is_fine
+
+
+@pytest.fixture
+def tick() -> TickRecord:
+    blank = {field.name: (0.0, 0.0) for field in fields(TickRecord)}
+    return TickRecord(**{**blank, "t_s": 0.0, "mode": Mode.RUNNING, "events": ()})  # type: ignore[arg-type]
+
+
+def test_an_observer_without_the_truth_is_of_no_use(tick: TickRecord) -> None:
+    with pytest.raises(ValueError, match="truth"):
+        Observer((0.0, 10.0), Pump()).tick(tick, None)
+
+
+def test_voltage_after_the_end_and_pumps_without_water_are_seen() -> None:
+    assert judged(seen(), rest=replace(REST, applied_V=(0.0, 1.0))).breaks == ("not_at_rest",)
+    dry = replace(FAULTY, story={"fault": [{"kind": "reservoir_low", "at_s": 4.0}]})
+    assert judged(seen(), case=dry).breaks == ("dry_run",)
+    off = np.where(np.arange(100) * 0.1 > 5.9, 0.0, 3.0)
+    assert judged(seen(v1_V=off, v2_V=off), case=dry).breaks == ()
+
+
+def test_poisson_limits_are_the_exact_ones() -> None:
+    """Garwood's table for 0 and 3 events, 95 %."""
+    none = statistics.poisson_rate(0, 100.0)
+    assert (none.per_h, none.low_h, none.high_h) == pytest.approx((0.0, 0.0, 0.03689), abs=1e-5)
+    three = statistics.poisson_rate(3, 1.0)
+    assert (three.low_h, three.high_h) == pytest.approx((0.6187, 8.7673), abs=1e-4)
+    assert statistics.poisson_rate(0, 0.0).per_h is None
+
+
+def rows() -> list[Row]:
+    leak = {"label": "leak 1 = 0.2", "kind": "leak", "target": "1", "value": 0.2, "onset_s": 4.0, "healthy_h": 0.1}
+    told = {**leak, "detected": True, "detection_s": 0.5, "isolation_s": 8.0, "right": True, "candidates_hold": True}
+    return [
+        row(key="a"),
+        row(key="b", seed=2, false_alarms=1, declared="sensor_bias 1"),
+        row(key="c", **told, bound_s=0.4, declared="leak 1"),
+        row(key="d", **told, bound_s=0.6, declared="leak 1"),
+        row(key="e", **{**told, "right": False}, declared="unresolved"),
+        row(key="f", seed=77, **leak, detected=False, right=False),
+        row(key="g", seed=3, label="pairs", overflow=True, broken="1 cm3 over the rim <", declared="x"),
+    ]
+
+
+def test_classes_confusion_and_false_alarms() -> None:
+    (leak,) = statistics.fault_classes(rows())
+    assert (leak.runs, leak.detected, leak.right, leak.candidates_hold) == (4, 0.75, 0.5, 0.75)
+    assert (leak.detection.n, leak.detection.median, leak.bound_s) == (3, 0.5, 0.5)
+    table = statistics.confusion(rows())
+    assert table["leak 1 = 0.2"] == {"leak 1": 2, "unresolved": 1, "nothing": 1}
+    assert table["no fault"] == {"nothing": 1, "sensor_bias 1": 1}
+    assert "pairs" not in table
+    rate = statistics.false_alarms(rows())
+    assert (rate.events, rate.hours) == (1, pytest.approx(1.5 + 0.4))
+    broken = statistics.broken(rows())
+    assert [one.seed for one in broken["overflow"]] == [3]
+    assert set(broken) == set(INVARIANTS)
+
+
+def test_the_report_stands_alone_and_names_the_seeds_of_what_broke() -> None:
+    page = render("mine & yours", rows())
+    assert "http" not in page
+    assert "script" not in page
+    assert "mine &amp; yours" in page
+    assert "pairs: 3" in page
+    assert "1 cm3 over the rim &lt;" in page
+    assert page.count("<svg") == 1
+    assert "bound 0.5 s" in page
+    assert "1 in 1.9 h" in page
+    assert render("empty", []).startswith("<!DOCTYPE html>")
+
+
+def test_the_table_has_every_column_and_reads_back(tmp_path: Path) -> None:
+    store = Store.open(tmp_path / "out", {"name": "mine"})
+    table = pq.read_table(store.write_table(rows()))
+    assert table.column_names == [field.name for field in fields(Row)]
+    assert {str(kind) for kind in table.schema.types} == {"string", "int64", "double", "bool"}
+    assert [Row(**line) for line in table.to_pylist()] == rows()
+    assert pq.read_table(store.write_table([])).num_rows == 0
+
+
+def test_rows_come_back_but_for_those_that_crashed_and_those_that_are_none(tmp_path: Path) -> None:
+    store = Store.open(tmp_path / "out", {"name": "mine"})
+    assert store.rows() == {}
+    for one in (*rows(), row(key="bad", crashed=True)):
+        store.add(one)
+    with store.rows_path.open("a") as file:
+        file.write("{}\n[]\nnonsense\n")
+    assert list(store.rows().values()) == rows()
+    store.manifest_path.write_text("nonsense")
+    with pytest.raises(RunFolderError, match="can't be a campaign's folder"):
+        Store.open(tmp_path / "out", {"name": "mine"})
