@@ -15,10 +15,10 @@ from hil.core.estimator import LevelFilter
 from hil.core.interlocks import Limits
 from hil.core.reconfiguration import Reconfiguration
 from hil.core.tanks import equilibrium, linearise
-from hil.core.types import Pair
+from hil.core.types import Action, Pair, Request, TripCause
 from hil.edge.rig_file import Rig, load_rig
 from hil.edge.run_folder import RunPlan, Window
-from hil.edge.scenario_file import Fault, Scenario, load_scenario
+from hil.edge.scenario_file import Fault, OperatorRequest, Scenario, load_scenario
 from hil.edge.settings import SettingsError, default_config_dir
 from hil.wire.contract import Contract, ContractError
 
@@ -77,14 +77,19 @@ def controller_config(bench: Bench, duration_s: float | None = None) -> Controll
         reconfiguration=Reconfiguration(
             model, gain_design(rig, choice.design), rig.pumps.range_V[1], rig.control.operating_point_V
         ),
-        detector=_detector(scenario),
+        detector=_detector(scenario, rig),
         level_filter=LevelFilter(model, rig.pumps.lag_s, rig.control.level_filter_s),
         references=reference_schedule(scenario, rig, str(bench.scenario_path)),
         reconfigure=choice.reconfigure,
         period_s=rig.control.period_s,
         anti_windup_s=rig.control.anti_windup_s,
     )
-    return ControllerConfig(loop, _limits(rig), scenario.scenario.duration_s if duration_s is None else duration_s)
+    return ControllerConfig(
+        loop,
+        _limits(rig),
+        scenario.scenario.duration_s if duration_s is None else duration_s,
+        tuple((request.at_s, _request(request)) for request in scenario.request),
+    )
 
 
 def gain_design(rig: Rig, name: str) -> GainDesign:
@@ -175,7 +180,16 @@ def _limits(rig: Rig) -> Limits:
     )
 
 
-def _detector(scenario: Scenario) -> FaultDetector:
+def _request(request: OperatorRequest) -> Request:
+    interlock = None if request.interlock is None else TripCause(request.interlock)
+    return Request(Action(request.action), request.voltage_V, interlock, request.for_s or 0.0)
+
+
+def _detector(scenario: Scenario, rig: Rig) -> FaultDetector:
+    if scenario.diagnosis.method == "glr":
+        from hil.core.glr.detector import GlrDetector  # compiled code: a second that other methods need not wait for
+
+        return GlrDetector(rig.tank_model, rig.pumps.lag_s, rig.sensors.noise_V)
     if scenario.diagnosis.method == "none":
         return NoDetector()
     known = tuple(known for fault in scenario.fault if (known := _pump_fault(fault)) is not None)

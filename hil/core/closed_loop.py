@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from math import inf
 from typing import Any
 
 from hil.core import estimator, state_feedback
 from hil.core.diagnosis import FaultDetector
 from hil.core.estimator import Estimate, LevelFilter
 from hil.core.reconfiguration import ControlLaw, Reconfiguration
-from hil.core.types import UNRESOLVED, Alarm, Diagnosis, Event, Inputs, Pair, Quad, Severity
+from hil.core.types import UNRESOLVED, Alarm, Diagnosis, Event, Inputs, Measurement, Pair, Quad, Severity
 
 TIME_TOLERANCE_S = 1e-6
 """What is due at a step's own time is due, however the float of it came out."""
@@ -18,6 +19,16 @@ LONGEST_PERIODS = 5.0
 """After a stall the estimate is predicted over no more than this many control periods."""
 
 SOUND = (1.0, 1.0)
+ALL = (True, True, True, True)
+
+LARGE_CHANGE = 0.1
+"""A change of effectiveness as large as this is answered at once."""
+
+SHARPENED_CHANGE, SHARPENING_S = 0.01, 5.0
+"""For so long after a large one, changes of this size are taken for the estimate's sharpening, and answered too."""
+
+SMALL_CHANGE, DWELL_S = 0.005, 10.0
+"""Any other change of this size is answered no sooner than so long after the last one: a fault may flap."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +52,9 @@ class LoopConfig:
 class LoopState:
     """What the closed loop remembers from one step to the next.
 
-    law_for : the reference and effectiveness that the law was made for. raw_V : what the law asks for at this step.
+    law_for : the reference and effectiveness that the law was made for. answered_s, sharpened_s : run time of the last
+    change of effectiveness that was answered, and until when its sharpening is. level_cm : (4,) the levels fed back.
+    raw_V : what the law asks for at this step.
     """
 
     started_ns: int
@@ -55,6 +68,9 @@ class LoopState:
     diagnosis: Diagnosis
     iae_Vs: Pair
     raw_V: Pair
+    level_cm: Quad
+    answered_s: float = -inf
+    sharpened_s: float = -inf
 
 
 def begin(config: LoopConfig, inputs: Inputs, now_ns: int) -> LoopState:
@@ -81,6 +97,7 @@ def begin(config: LoopConfig, inputs: Inputs, now_ns: int) -> LoopState:
         diagnosis=Diagnosis(),
         iae_Vs=(0.0, 0.0),
         raw_V=(0.0, 0.0),
+        level_cm=measured_level_cm(config, inputs),
     )
 
 
@@ -91,8 +108,17 @@ def step(config: LoopConfig, state: LoopState, inputs: Inputs, now_ns: int) -> t
     estimate, memory, diagnosis = _observe(config, state, inputs, t_s, period_s)
     reference = _reference_at(config, t_s)
     law, law_for, integral = state.law, state.law_for, state.integral_Vs
-    level_cm = measured_level_cm(config, inputs)
-    wanted_for = (reference, diagnosis.effectiveness if config.reconfigure else SOUND)
+    answered_s, sharpened_s = state.answered_s, state.sharpened_s
+    level_cm = _believed_level_cm(config, inputs.measurement, diagnosis, estimate)
+    effectiveness = law_for[1]
+    if config.reconfigure and diagnosis.effectiveness != effectiveness:
+        change = _change(effectiveness, diagnosis.effectiveness)
+        if change >= LARGE_CHANGE or (t_s - answered_s >= DWELL_S and change >= SMALL_CHANGE):
+            effectiveness, answered_s = diagnosis.effectiveness, t_s
+            sharpened_s = t_s + SHARPENING_S if change >= LARGE_CHANGE else sharpened_s
+        elif t_s <= sharpened_s and change >= SHARPENED_CHANGE:
+            effectiveness = diagnosis.effectiveness
+    wanted_for = (reference, effectiveness)
     if wanted_for != law_for:
         effective = state_feedback.effective_voltage(law, integral, level_cm)
         law, law_for = config.reconfiguration.law(*wanted_for), wanted_for
@@ -110,14 +136,17 @@ def step(config: LoopConfig, state: LoopState, inputs: Inputs, now_ns: int) -> t
         diagnosis,
         _iae(state, estimate, period_s),
         raw,
+        level_cm,
+        answered_s,
+        sharpened_s,
     )
     return new, _events(state, new)
 
 
 def integrate(config: LoopConfig, state: LoopState, inputs: Inputs, command_V: Pair) -> Pair:
     """Integrals for the next step, knowing what the supervisor let pass and what the node made of it."""
-    y1, y2, _, _ = inputs.measurement.level_V
-    error = (state.law.target_V[0] - y1, state.law.target_V[1] - y2)
+    k, (h1, h2, _, _) = config.level_filter.model.level_gain_V_cm, state.level_cm
+    error = (state.law.target_V[0] - k * h1, state.law.target_V[1] - k * h2)
     short = inputs.pumps.shortfall_V
     excess = (state.raw_V[0] - command_V[0] + short[0], state.raw_V[1] - command_V[1] + short[1])
     return state_feedback.advance_integral(
@@ -135,6 +164,7 @@ def measured_level_cm(config: LoopConfig, inputs: Inputs) -> Quad:
 def _observe(
     config: LoopConfig, state: LoopState, inputs: Inputs, t_s: float, period_s: float
 ) -> tuple[Estimate, Any, Diagnosis]:
+    """Estimate and verdict; a detector that estimates the levels itself has the last word on them."""
     applied_V = inputs.pumps.applied_V
     estimate = state.estimate
     if period_s > 0.0:
@@ -143,11 +173,40 @@ def _observe(
             estimate,
             applied_V,
             state.diagnosis.effectiveness,
-            inputs.measurement,
+            _trusted(inputs.measurement, state.diagnosis.trusted),
             min(period_s, LONGEST_PERIODS * config.period_s),
         )
     memory, diagnosis = config.detector.step(state.memory, t_s, inputs.measurement, estimate, applied_V)
+    if diagnosis.level_V is not None:
+        k, (y1, y2, y3, y4) = config.level_filter.model.level_gain_V_cm, diagnosis.level_V
+        level_cm = (y1 / k, y2 / k, y3 / k, y4 / k)
+        estimate = Estimate(level_cm, diagnosis.level_V, estimate.pump_V, estimate.innovation_V)
     return estimate, memory, diagnosis
+
+
+def _trusted(measurement: Measurement, trusted: tuple[bool, bool, bool, bool]) -> Measurement:
+    """The measurement without the sensors that are not trusted."""
+    if trusted == ALL:
+        return measurement
+    v1, v2, v3, v4 = (ok and good for ok, good in zip(measurement.valid, trusted, strict=True))
+    return replace(measurement, valid=(v1, v2, v3, v4))
+
+
+def _believed_level_cm(config: LoopConfig, measurement: Measurement, diagnosis: Diagnosis, estimate: Estimate) -> Quad:
+    """Readings in cm, (4,); the estimate where a sensor is not trusted or its reading not valid."""
+    k = config.level_filter.model.level_gain_V_cm
+    y1, y2, y3, y4 = measurement.level_V
+    if measurement.valid == ALL and diagnosis.trusted == ALL:
+        return (y1 / k, y2 / k, y3 / k, y4 / k)
+    valid = _trusted(measurement, diagnosis.trusted).valid
+    h1, h2, h3, h4 = (
+        y / k if ok else h for y, ok, h in zip(measurement.level_V, valid, estimate.level_cm, strict=True)
+    )
+    return (h1, h2, h3, h4)
+
+
+def _change(old: Pair, new: Pair) -> float:
+    return max(abs(new[0] - old[0]), abs(new[1] - old[1]))
 
 
 def _reference_at(config: LoopConfig, t_s: float) -> Pair:

@@ -11,8 +11,9 @@ from dataclasses import dataclass, field, replace
 from hil.core import closed_loop, state_feedback, supervisor
 from hil.core.closed_loop import TIME_TOLERANCE_S, LoopConfig, LoopState
 from hil.core.interlocks import Belief, Limits
+from hil.core.overshoot import Outlets, watch
 from hil.core.supervisor import Supervision
-from hil.core.types import Action, Command, Event, Inputs, Mode, Pair, Request, TickRecord, TripCause
+from hil.core.types import Action, Command, Diagnosis, Event, Inputs, Mode, Pair, Request, TickRecord, TripCause
 
 
 @dataclass(frozen=True)
@@ -30,10 +31,11 @@ class ControllerConfig:
 
 @dataclass(frozen=True, slots=True)
 class ControllerState:
-    """Supervision always; the loop's state from the first step in control on."""
+    """Supervision always; the loop's state from the first step in control on; what is seen of the outlets since."""
 
     supervision: Supervision = field(default_factory=Supervision)
     loop: LoopState | None = None
+    outlets: Outlets = field(default_factory=Outlets)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +51,7 @@ def step(
     config: ControllerConfig, state: ControllerState, inputs: Inputs, now_ns: int
 ) -> tuple[ControllerState, Output]:
     """One step at now_ns (monotonic). The command is always safe; what it raises, the caller turns into a trip."""
-    loop = state.loop
+    loop, outlets = state.loop, state.outlets
     if loop is None:
         supervision, events = supervisor.next_mode(config.limits, state.supervision, inputs, now_ns)
         if not supervision.mode.is_controlling:
@@ -59,7 +61,9 @@ def step(
     else:
         inputs = _with_schedule(config, loop, inputs, now_ns)
         loop, loop_events = closed_loop.step(config.loop, loop, inputs, now_ns)
-        belief = Belief(loop.diagnosis, loop.estimate.level_cm, loop.estimate.pump_V, config.loop.reconfigure)
+        level_cm, pump_V = loop.estimate.level_cm, loop.estimate.pump_V
+        outlets = watch(config.limits.model, outlets, level_cm, _effective(loop.diagnosis, pump_V), now_ns)
+        belief = Belief(loop.diagnosis, level_cm, pump_V, config.loop.reconfigure, outlets.open_share)
         supervision, events = supervisor.next_mode(config.limits, state.supervision, inputs, now_ns, belief)
     events += loop_events
     supervision, command = supervisor.safe_command(config.limits, supervision, loop.raw_V, config.loop.period_s)
@@ -67,13 +71,13 @@ def step(
     integral = _next_integral(config, loop, supervision.mode, inputs, command.voltage_V)
     if integral != loop.integral_Vs:
         loop = replace(loop, integral_Vs=integral)
-    return ControllerState(supervision, loop), Output(command, events, record)
+    return ControllerState(supervision, loop, outlets), Output(command, events, record)
 
 
 def fail(state: ControllerState, cause: TripCause, text: str) -> tuple[ControllerState, Output]:
     """The way out when a step could not be completed: trip, 0 V in the same step."""
     supervision, events = supervisor.trip(state.supervision, cause, text)
-    return ControllerState(supervision, state.loop), Output(supervisor.OFF, events, None)
+    return replace(state, supervision=supervision), Output(supervisor.OFF, events, None)
 
 
 def will_be_cleared(config: ControllerConfig, state: ControllerState) -> bool:
@@ -88,6 +92,11 @@ def is_over(config: ControllerConfig, state: ControllerState) -> bool:
     """Whether the run has lasted for as long as it should."""
     loop = state.loop
     return loop is not None and _run_time_s(loop, loop.stepped_ns) >= config.duration_s - TIME_TOLERANCE_S
+
+
+def _effective(diagnosis: Diagnosis, pump_V: Pair) -> Pair:
+    (theta1, theta2), (v1, v2) = diagnosis.effectiveness, pump_V
+    return theta1 * v1, theta2 * v2
 
 
 def _run_time_s(loop: LoopState, now_ns: int) -> float:

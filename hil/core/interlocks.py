@@ -59,13 +59,14 @@ class Belief:
     """What the closed loop makes of this step.
 
     level_cm : (4,) estimated levels, None before there are any. pump_V : (2,) what the pumps still deliver, lag
-    included. accommodates : whether the law follows the diagnosis.
+    included. accommodates : whether the law follows the diagnosis. open_share : (2,) see `overshoot.Outlets`.
     """
 
     diagnosis: Diagnosis = SOUND
     level_cm: Quad | None = None
     pump_V: Pair = (0.0, 0.0)
     accommodates: bool = False
+    open_share: Pair = (1.0, 1.0)
 
 
 NO_BELIEF = Belief()
@@ -76,7 +77,8 @@ class Situation:
     """All that an interlock may look at.
 
     level_cm : (4,) the best that is known of the levels. pump_V : (2,) the most that a pump may still be delivering.
-    mismatch_s : for how long the applied voltages have differed from the command echoed.
+    mismatch_s : for how long the applied voltages have differed from the command echoed. open_share : of the lower
+    tanks' outlets.
     """
 
     inputs: Inputs
@@ -84,6 +86,7 @@ class Situation:
     level_cm: Quad
     pump_V: Pair
     mismatch_s: float
+    open_share: Pair
 
 
 class Reaction(Enum):
@@ -151,7 +154,7 @@ def _will_overflow(limits: Limits, s: Situation) -> bool:
     if max(s.level_cm) > limits.level_max_cm:
         return True
     rim_cm = limits.model.height_cm - limits.rim_margin_cm
-    return max(peak_levels(limits.model, limits.lag_s, s.level_cm, s.pump_V)) > rim_cm
+    return max(peak_levels(limits.model, limits.lag_s, s.level_cm, s.pump_V, s.open_share)) > rim_cm
 
 
 def _runs_dry(limits: Limits, s: Situation) -> bool:

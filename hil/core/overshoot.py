@@ -11,13 +11,17 @@ With w = sqrt(h_l/h_u), alpha = A_u/A_l, beta = a_l/a_u the second over the firs
 
 Pumps deliver on while their lag fades, a volume of k_j v_j times the lag. Outflow grows with level, so water that comes
 in besides lifts a tank, or the one below it, by no more than its own volume: it is added on top, an upper bound.
+
+A blocked outlet drains less than eq. (1) says, so a lower tank's is taken as it is seen to be: what flows in less what
+stays, as a share of a_l sqrt(2 g h_l), smoothed over SMOOTHING_S.
 """
 
 from __future__ import annotations
 
 from cmath import log as complex_log
 from cmath import sqrt as complex_sqrt
-from math import exp
+from dataclasses import dataclass
+from math import exp, sqrt
 
 from hil.core.tanks import TankModel
 from hil.core.types import Pair, Quad
@@ -25,14 +29,65 @@ from hil.core.types import Pair, Quad
 LEAST_ROOT = 1e-6
 """The two roots of w^2 - alpha beta w + alpha are kept at least this far apart."""
 
+SMOOTHING_S = 3.0
+LEAST_SHARE = 0.02
+"""An outlet that is all but shut; the water above then comes down to the last drop."""
 
-def peak_levels(model: TankModel, lag_s: float, level_cm: Quad, pump_V: Pair) -> Quad:
+WIDEST_SHARE = (-1.0, 3.0)
+"""No single step can say more of an outlet than this; a level that jumps is a sensor's matter."""
+
+SHALLOWEST_CM = 1.0
+"""A lower tank with less in it says little of its outlet."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outlets:
+    """What is seen of the lower tanks' outlets.
+
+    share : (2,) of the outflow that eq. (1) would have. level_cm : (2,) the levels at watched_ns; None before that.
+    """
+
+    share: Pair = (1.0, 1.0)
+    level_cm: Pair | None = None
+    watched_ns: int = 0
+
+    @property
+    def open_share(self) -> Pair:
+        """(2,) the share as far as it can be relied on: never more than a clean outlet."""
+        first, second = self.share
+        return min(max(first, LEAST_SHARE), 1.0), min(max(second, LEAST_SHARE), 1.0)
+
+
+def watch(model: TankModel, outlets: Outlets, level_cm: Quad, pump_V: Pair, now_ns: int) -> Outlets:
+    """The balance of each lower tank since the last step. pump_V : (2,) what the pumps deliver, effective volts."""
+    h1, h2, h3, h4 = level_cm
+    period_s = (now_ns - outlets.watched_ns) * 1e-9
+    if outlets.level_cm is None or period_s <= 0.0:
+        return Outlets(outlets.share, (h1, h2), now_ns)
+    (last1, last2), (share1, share2) = outlets.level_cm, outlets.share
+    A1, A2, _, _ = model.area_cm2
+    a1, a2, a3, a4 = model.outlet_cm2
+    (k1, k2), (g1, g2) = model.pump_gain_cm3_Vs, model.valve_split
+    s = sqrt(2.0 * model.gravity_cm_s2)
+    left1 = a3 * s * sqrt(max(h3, 0.0)) + g1 * k1 * pump_V[0] - A1 * (h1 - last1) / period_s
+    left2 = a4 * s * sqrt(max(h4, 0.0)) + g2 * k2 * pump_V[1] - A2 * (h2 - last2) / period_s
+    seen1 = left1 / (a1 * s * sqrt(max(h1, SHALLOWEST_CM)))
+    seen2 = left2 / (a2 * s * sqrt(max(h2, SHALLOWEST_CM)))
+    low, high = WIDEST_SHARE
+    weight = min(period_s / SMOOTHING_S, 1.0)
+    share1 += weight * (min(max(seen1, low), high) - share1)
+    share2 += weight * (min(max(seen2, low), high) - share2)
+    return Outlets((share1, share2), (h1, h2), now_ns)
+
+
+def peak_levels(model: TankModel, lag_s: float, level_cm: Quad, pump_V: Pair, open_share: Pair = (1.0, 1.0)) -> Quad:
     """The highest that each level can become, in cm, with the pumps stopped now.
 
-    pump_V : (2,) the most that each pump may still be delivering, as a voltage.
+    pump_V : (2,) the most that each pump may still be delivering, as a voltage. open_share : (2,) of `Outlets`.
     """
     A1, A2, A3, A4 = model.area_cm2
     a1, a2, a3, a4 = model.outlet_cm2
+    a1, a2 = open_share[0] * a1, open_share[1] * a2
     (k1, k2), (g1, g2) = model.pump_gain_cm3_Vs, model.valve_split
     h1, h2, h3, h4 = level_cm
     late1_cm3, late2_cm3 = k1 * pump_V[0] * lag_s, k2 * pump_V[1] * lag_s

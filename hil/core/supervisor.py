@@ -266,6 +266,7 @@ def _situation(limits: Limits, state: Supervision, inputs: Inputs, now_ns: int, 
         levels_cm(limits, inputs, belief),
         (max(c1, a1, b1), max(c2, a2, b2)),
         (now_ns - since_ns) * 1e-9 if since_ns >= 0 else 0.0,
+        belief.open_share,
     )
 
 

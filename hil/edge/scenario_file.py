@@ -15,6 +15,7 @@ from hil.edge.settings import (
     NotNegative,
     Positive,
     Section,
+    Volts,
     read_toml,
     validated,
 )
@@ -42,6 +43,8 @@ class Reference(Section):
             raise ValueError(f"has {', '.join(given) or 'none'} of change_V, levels_V, levels_cm: give one")
         return self
 
+
+BypassableName = Literal["echo_mismatch", "error_storm", "dry_run", "pump_dead", "estimator_diverged"]
 
 FaultKind = Literal[
     "pump_effectiveness",
@@ -121,10 +124,34 @@ class Fault(Section):
         return self
 
 
+class OperatorRequest(Section):
+    """What the operator asks for in the course of a run.
+
+    manual : pump voltages by hand, `voltage_V`, or those in force without it. auto : back to the loop.
+    bypass : leave an `interlock` out for `for_s`. clear : a trip. stop : ramp down and end the run.
+    """
+
+    at_s: Positive
+    action: Literal["manual", "auto", "bypass", "clear", "stop"]
+    voltage_V: tuple[Volts, Volts] | None = None
+    interlock: BypassableName | None = None
+    for_s: Annotated[float, Field(gt=0.0, le=600.0, allow_inf_nan=False)] | None = None
+
+    @model_validator(mode="after")
+    def _has_what_its_action_needs(self) -> Self:
+        if self.voltage_V is not None and self.action != "manual":
+            raise ValueError(f"voltage_V is for manual, not for {self.action}")
+        needed = self.action == "bypass"
+        for key in ("interlock", "for_s"):
+            if (getattr(self, key) is not None) != needed:
+                raise ValueError(f"bypass needs {key}" if needed else f"{key} is for bypass, not for {self.action}")
+        return self
+
+
 class DiagnosisChoice(Section):
     """Which fault detector."""
 
-    method: Literal["ideal", "none"] = "ideal"
+    method: Literal["glr", "ideal", "none"] = "ideal"
     delay_s: NotNegative = 1.0
 
 
@@ -155,6 +182,7 @@ class Scenario(Section):
     scenario: About
     reference: tuple[Reference, ...] = ()
     fault: tuple[Fault, ...] = ()
+    request: tuple[OperatorRequest, ...] = ()
     diagnosis: DiagnosisChoice = DiagnosisChoice()
     control: ControlChoice = ControlChoice()
     window: tuple[Window, ...] = ()
@@ -163,9 +191,10 @@ class Scenario(Section):
 
     @model_validator(mode="after")
     def _is_in_order(self) -> Self:
-        times = [r.at_s for r in self.reference]
-        if times != sorted(times):
-            raise ValueError(f"reference times {times} do not ascend")
+        for name, listed in (("reference", self.reference), ("request", self.request)):
+            times = [entry.at_s for entry in listed]
+            if times != sorted(times):
+                raise ValueError(f"{name} times {times} do not ascend")
         names = [w.name for w in self.window]
         if len(set(names)) != len(names):
             raise ValueError(f"window names {names} repeat")

@@ -1,0 +1,76 @@
+"""What single readings show without any model: a sensor that is stuck, open or noisier than it should be.
+
+Stuck: the same code again and again. How often a sound sensor repeats itself depends on its noise against its
+converter's steps, so that share is learned; a run is called stuck when a sound sensor would show it less than once
+in STUCK_ODDS readings. A sensor without noise repeats itself all the time and can't be judged this way.
+Open: readings that are out of range or disowned by the node, OPEN_RUN in a row.
+Noisy: the variance of the readings within a control period, far above what was learned.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil, isfinite, log
+
+from hil.core.types import Measurement
+
+STUCK_ODDS = 1e11
+LONGEST_RUN = 100
+"""If a sound sensor may well repeat itself so often, the test says nothing."""
+
+OPEN_RUN = 3
+PRIOR_READINGS = 40.0
+MEMORY_READINGS = 3000.0
+NOISY_RATIO = 9.0
+"""A period's variance so many times the learned one is out of the ordinary for a handful of readings."""
+
+NOISY_PERIODS = 3
+GARBAGE_V = 0.3
+"""Noise above this is no signal at all, V rms."""
+
+
+@dataclass(slots=True)
+class Channel:
+    """What has been learned of one sensor; changes in place.
+
+    variance_V2 : of one reading. repeat_share : how often a reading equals the one before. noisy_periods : how many in
+    a row were out of the ordinary.
+    """
+
+    variance_V2: float
+    weight: float = PRIOR_READINGS
+    repeat_share: float = 0.2
+    noisy_periods: int = 0
+    loud_V2: float = 0.0
+
+    def learn(self, measurement: Measurement, index: int) -> None:
+        """Take in one control period's readings."""
+        variance, n = measurement.variance_V2[index], measurement.readings
+        if not isfinite(variance) or n < 2 or not measurement.valid[index]:
+            return
+        if variance > NOISY_RATIO * max(self.variance_V2, 1e-8):
+            self.noisy_periods += 1
+            self.loud_V2 = max(self.loud_V2, variance)
+            if self.noisy_periods < NOISY_PERIODS:
+                return
+        else:
+            self.noisy_periods = 0
+            self.loud_V2 = 0.0
+        share = (n - 1) / self.weight
+        self.weight = min(self.weight + n - 1, MEMORY_READINGS)
+        self.variance_V2 += share * (variance - self.variance_V2)
+        self.repeat_share += ((measurement.repeats[index] > 0) - self.repeat_share) * (n - 1) / self.weight
+
+    def is_stuck(self, measurement: Measurement, index: int) -> bool:
+        """Whether the run of equal readings is too long for chance."""
+        share = min(max(self.repeat_share, 0.05), 0.95)
+        run = max(ceil(-log(STUCK_ODDS) / log(share)), OPEN_RUN)
+        return run <= LONGEST_RUN and measurement.repeats[index] >= run
+
+    def is_noisy(self) -> bool:
+        """Whether the readings have been out of the ordinary for long enough."""
+        return self.noisy_periods >= NOISY_PERIODS
+
+    def is_garbage(self) -> bool:
+        """Whether there is no signal in the readings at all."""
+        return self.is_noisy() and self.loud_V2 > GARBAGE_V**2
