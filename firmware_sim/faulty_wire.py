@@ -25,7 +25,7 @@ class FaultyWire:
     def __init__(
         self,
         send: Callable[[Message], None],
-        hear: Callable[[Message, int], None],
+        hear: Callable[[Message, int], object],
         next_counter: Callable[[], int],
     ) -> None:
         self._send = send
@@ -41,6 +41,8 @@ class FaultyWire:
     @property
     def next_ns(self) -> int | None:
         """When the next delayed or strange frame is due, or None."""
+        if not self._sources and not self._delayed:
+            return None
         due_ns = [source.next_ns for source in self._sources]
         if self._delayed:
             due_ns.append(self._delayed[0][0])

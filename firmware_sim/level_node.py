@@ -23,6 +23,7 @@ from firmware_sim.wire import (
     NodeState,
     pack_heartbeat,
     pack_levels,
+    unpack_levels,
 )
 
 ADC_RANGE_V = 10.24
@@ -30,7 +31,6 @@ RANGE_MARGIN_V = 0.1
 NOISE_BLOCK = 1024
 
 Quad = tuple[float, float, float, float]
-FourReadings = tuple[Reading, Reading, Reading, Reading]
 Converter = Callable[[float], Reading]
 
 
@@ -82,7 +82,7 @@ class LevelNode:
         self._observer = observer
         self._random = np.random.default_rng(seed)
         self._noise: list[list[float]] = []
-        self._readings: FourReadings | None = None
+        self._sent: tuple[bytes, bytes] | None = None
         self.channel_faults: dict[int, ChannelEffects] = {}
         self.wall_ahead_ns = 0
         self._levels_counter = 0
@@ -108,7 +108,7 @@ class LevelNode:
 
     def reboot(self, now_ns: int, power_ns: int) -> None:
         """Forget everything and boot as soon as power is back at power_ns."""
-        self._readings = None
+        self._sent = None
         self._levels_counter = self._heartbeat_counter = 0
         self._boot_count = (self._boot_count + 1) % BOOT_COUNT_MODULUS
         self._boot_end_ns = power_ns + self._boot_ns
@@ -122,18 +122,18 @@ class LevelNode:
         h1, h2, h3, h4 = levels_cm
         n1, n2, n3, n4 = self._next_noise()
         if self.channel_faults:
-            n1, n2, n3, n4 = self._disturbed((n1, n2, n3, n4), now_ns)
-        readings = to1(g1 * h1 + n1), to2(g2 * h2 + n2), to3(g3 * h3 + n3), to4(g4 * h4 + n4)
-        if self.channel_faults:
-            readings = self._replaced(readings)
-        self._readings = readings
-        (v1, s1), (v2, s2), (v3, s3), (v4, s4) = readings
+            signals_V = (g1 * h1 + n1, g2 * h2 + n2, g3 * h3 + n3, g4 * h4 + n4)
+            (v1, s1), (v2, s2), (v3, s3), (v4, s4) = self._faulty_readings(signals_V, now_ns)
+        else:
+            (v1, s1), (v2, s2) = to1(g1 * h1 + n1), to2(g2 * h2 + n2)
+            (v3, s3), (v4, s4) = to3(g3 * h3 + n3), to4(g4 * h4 + n4)
         counter = self._levels_counter
         self._levels_counter = (counter + 1) % COUNTER_MODULUS
-        return (
+        self._sent = payloads = (
             pack_levels(LOWER_LEVELS_ID, (v1, v2), (s1, s2), counter),
             pack_levels(UPPER_LEVELS_ID, (v3, v4), (s3, s4), counter),
         )
+        return payloads
 
     def heartbeat(self) -> bytes:
         """Payload of the next LevelHeartbeat frame."""
@@ -141,22 +141,18 @@ class LevelNode:
         self._heartbeat_counter = (counter + 1) % COUNTER_MODULUS
         return pack_heartbeat(LEVEL_HEARTBEAT_ID, self.state, counter, self._boot_count, self._fingerprint)
 
-    def _disturbed(self, noise_V: Quad, now_ns: int) -> Quad:
-        """Noise of the four sensors with what faults add to it."""
-        added_V = list(noise_V)
-        for channel, faults in self.channel_faults.items():
-            added_V[channel] += faults.signal(now_ns)
-        n1, n2, n3, n4 = added_V
-        return n1, n2, n3, n4
-
-    def _replaced(self, readings: FourReadings) -> FourReadings:
-        """Readings with those that faults put in their place."""
-        last = self._readings
-        sent = list(readings)
-        for channel, faults in self.channel_faults.items():
-            sent[channel] = faults.replaced(sent[channel], None if last is None else last[channel], self._codes)
-        r1, r2, r3, r4 = sent
-        return r1, r2, r3, r4
+    def _faulty_readings(self, signals_V: Quad, now_ns: int) -> list[Reading]:
+        """Readings of the four channels with what faults add before the converter and replace behind it."""
+        last = None if self._sent is None else [reading for sent in self._sent for reading in unpack_levels(sent)]
+        readings = []
+        for channel, (signal_V, convert) in enumerate(zip(signals_V, self._converters, strict=True)):
+            faults = self.channel_faults.get(channel)
+            if faults is None:
+                readings.append(convert(signal_V))
+            else:
+                fresh = convert(signal_V + faults.signal(now_ns))
+                readings.append(faults.replaced(fresh, None if last is None else last[channel], self._codes))
+        return readings
 
     def _next_noise(self) -> list[float]:
         if not self._noise:

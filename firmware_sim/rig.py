@@ -105,17 +105,16 @@ class Rig:
         return sent
 
     def receive(self, frame: Message, now_ns: int) -> Rejection | None:
-        """Take a frame from the bus at now_ns; None if the pump node accepted it as a command.
+        """Take a frame from the bus at now_ns; None if the pump node accepted it as a command, now.
 
         Raises ValueError if now_ns lies in the past.
         """
         self._catch_up(now_ns)
+        if not self._wire.is_active:
+            return self._hear(frame, now_ns)
         self._heard = Rejection.LOST
-        if self._wire.is_active:
-            self._wire.carry(frame.arbitration_id if frame.arbitration_id == COMMAND_ID else NOT_OURS, frame, now_ns)
-            self._rare_ns = self._next_rare_ns()
-        else:
-            self._hear(frame, now_ns)
+        self._wire.carry(frame.arbitration_id if frame.arbitration_id == COMMAND_ID else NOT_OURS, frame, now_ns)
+        self._rare_ns = self._next_rare_ns()
         return self._heard
 
     def inject(self, fault: Fault, now_ns: int) -> None:
@@ -210,8 +209,11 @@ class Rig:
 
     def _next_rare_ns(self) -> int:
         """Due time of the next change of a node's state or of a fault; NEVER_NS if none is to come."""
-        due_ns = (self.pump.next_event_ns, self.level.next_event_ns, self._faults.next_ns, self._wire.next_ns)
-        return min((time_ns for time_ns in due_ns if time_ns is not None), default=NEVER_NS)
+        next_ns = NEVER_NS
+        for due_ns in (self.pump.next_event_ns, self.level.next_event_ns, self._faults.next_ns, self._wire.next_ns):
+            if due_ns is not None and due_ns < next_ns:
+                next_ns = due_ns
+        return next_ns
 
     def _follow_pump(self, now_ns: int) -> None:
         """Hand the pump node's outputs on to the tanks, and start the scenario at its first run."""
@@ -278,12 +280,13 @@ class Rig:
             self._put(LOWER_LEVELS_ID, lower, now_ns)
             self._put(UPPER_LEVELS_ID, upper, now_ns)
 
-    def _hear(self, frame: Message, now_ns: int) -> None:
-        """Hand a frame to the pump node."""
-        self._heard = self.pump.receive(frame, now_ns)
-        if self._heard is None:
+    def _hear(self, frame: Message, now_ns: int) -> Rejection | None:
+        """Hand a frame to the pump node and return what it says."""
+        self._heard = rejection = self.pump.receive(frame, now_ns)
+        if rejection is None:
             self._follow_pump(now_ns)
             self._rare_ns = self._next_rare_ns()
+        return rejection
 
     def _post(self, frame: Message) -> None:
         self._outbox.append(frame)

@@ -85,6 +85,14 @@ def _leaking_slopes_of(settings: EmulatorSettings, effects: Effects) -> Slopes:
     return slopes
 
 
+def _followed(dt_s: float, lag_s: float, flow_V: float, applied_V: float) -> tuple[float, float, float]:
+    """Flow voltage of one pump at the start, middle and end of a step."""
+    if lag_s <= 0.0:
+        return applied_V, applied_V, applied_V
+    half = math.exp(-0.5 * dt_s / lag_s)
+    return flow_V, applied_V + (flow_V - applied_V) * half, applied_V + (flow_V - applied_V) * half * half
+
+
 def _outlets_cm2(settings: EmulatorSettings, effects: Effects) -> tuple[float, ...]:
     outlets = zip(settings.tanks.outlet_cm2, effects.blocked, strict=True)
     return tuple(a * (1.0 - blocked) for a, blocked in outlets)
@@ -182,15 +190,16 @@ class Tanks:
         """Flow voltages at the start, middle and end of a step: w = v + (w0 - v) exp(-t / lag)."""
         v1, v2 = applied_V
         lag1_s, lag2_s = self._lags_s
-        if lag1_s <= 0.0 and lag2_s <= 0.0:
+        if lag1_s != lag2_s:
+            first, second = _followed(dt_s, lag1_s, self.flow_V[0], v1), _followed(dt_s, lag2_s, self.flow_V[1], v2)
+            return (first[0], second[0]), (first[1], second[1]), (first[2], second[2])
+        if lag1_s <= 0.0:
             return applied_V, applied_V, applied_V
         w1, w2 = self.flow_V
-        half1 = math.exp(-0.5 * dt_s / lag1_s) if lag1_s > 0.0 else 0.0
-        half2 = half1 if lag2_s == lag1_s else math.exp(-0.5 * dt_s / lag2_s) if lag2_s > 0.0 else 0.0
-        full1, full2 = half1 * half1, half2 * half2
-        start = (w1 if lag1_s > 0.0 else v1, w2 if lag2_s > 0.0 else v2)
-        middle = (v1 + (w1 - v1) * half1, v2 + (w2 - v2) * half2)
-        return start, middle, (v1 + (w1 - v1) * full1, v2 + (w2 - v2) * full2)
+        half = math.exp(-0.5 * dt_s / lag1_s)
+        full = half * half
+        middle = (v1 + (w1 - v1) * half, v2 + (w2 - v2) * half)
+        return self.flow_V, middle, (v1 + (w1 - v1) * full, v2 + (w2 - v2) * full)
 
     def _bounded(self, h1: float, h2: float, h3: float, h4: float) -> tuple[float, float, float, float]:
         """Keep levels in 0 .. height: what is above spills; what an empty tank gave too much is taken back."""

@@ -210,6 +210,12 @@ def pack_levels(
     return sealed(can_id, _LEVELS.pack(raw1, raw2, status[0] | status[1] << 4, counter))
 
 
+def unpack_levels(payload: bytes) -> list[tuple[float, ChannelStatus]]:
+    """Both readings of a LowerLevels or UpperLevels payload of ours: V and status."""
+    raw1, raw2, statuses, _ = _LEVELS.unpack(payload[:-1])
+    return [(raw1 / RAW_PER_V, ChannelStatus(statuses & 0x0F)), (raw2 / RAW_PER_V, ChannelStatus(statuses >> 4))]
+
+
 def pack_heartbeat(can_id: int, state: NodeState, counter: int, boot_count: int, contract: int) -> bytes:
     """Heartbeat of a node: boot count 0 .. 65535, contract as a CRC-32."""
     return sealed(can_id, _HEARTBEAT.pack(state | counter << 4, boot_count, contract))
