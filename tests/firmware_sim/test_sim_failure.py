@@ -2,7 +2,7 @@
 
 import pytest
 from fault_bench import as_bytes, drive, fault, named, rig_with, run_s
-from sim_bench import SECOND
+from sim_bench import ROOT, SECOND
 
 from firmware_sim.failure import COMPONENTS, obey
 from firmware_sim.faults.catalogue import KINDS
@@ -197,3 +197,11 @@ def test_reboot_by_command_twice_counts_twice():
         assert rig.truth().pump_state is NodeState.BOOT
     heartbeat = rig.pump.heartbeat()
     assert int.from_bytes(heartbeat[1:3], "little") == 3
+
+
+def test_the_table_of_the_documents_has_every_kind_and_word():
+    text = (ROOT / "docs/faults.md").read_text()
+    assert all(f"| `{kind}` |" in text for kind in KINDS)
+    assert all(f"`{name}`" in text for name in COMPONENTS)
+    words = {word for part in COMPONENTS.values() for word in part.words} - set(KINDS)
+    assert all(f"`{word}`" in text for word in words)

@@ -1,6 +1,7 @@
 """Whatever goes wrong, in any mixture: determinism, limits, and no water made or lost."""
 
 import random
+from typing import get_args
 
 import pytest
 from fault_bench import START, as_bytes, fault
@@ -11,6 +12,7 @@ from sim_bench import MS, SECOND, command, shipped
 from firmware_sim.faults.catalogue import KINDS
 from firmware_sim.rig import Rig
 from firmware_sim.wire import FRAME_IDS
+from hil.edge.scenario_file import FaultKind
 
 FRAMES = [*FRAME_IDS, "all"]
 NODES = ["pump", "level"]
@@ -138,3 +140,7 @@ def test_any_list_of_faults_keeps_to_the_limits_and_to_the_water(faults, seed, v
     tanks = rig._tanks
     change_cm3 = tanks.contents_cm3 - start_cm3
     assert abs(tanks.pumped_cm3 + tanks.stirred_cm3 - tanks.drained_cm3 - tanks.spilled_cm3 - change_cm3) < 1e-6
+
+
+def test_the_controller_s_scenario_file_knows_the_same_kinds():
+    assert set(get_args(FaultKind)) == set(KINDS)

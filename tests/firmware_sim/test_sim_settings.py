@@ -29,6 +29,14 @@ BAD_EMULATOR = [
     ("adc_bits = 12", "adc_bits = 12.0", ["sensors.adc_bits = 12.0", "0, 12, 16"]),
     ("watchdog_s = 0.25", "watchdog_s = -0.25", ["nodes.watchdog_s = -0.25", "0.01 .. 10"]),
     ("[nodes]", "[nodes", ["not valid TOML"]),
+    ("parameter_spread = 0.0", "parameter_spread = 0.6", ["emulator.toml: parameter_spread = 0.6", "0 .. 0.5"]),
+    ("lag_s = 0.2", "lag_s = [0.2]", ["pumps.lag_s = [0.2]", "number in 0 .. 60, or a list of 2"]),
+    ("lag_s = 0.2", "lag_s = [0.2, 61.0]", ["pumps.lag_s = [0.2, 61.0]", "number in 0 .. 60, or a list of 2"]),
+    ("lag_spread = 0.0", "lag_spread = -0.1", ["pumps.lag_spread = -0.1", "0 .. 1"]),
+    ("wear_per_h = 0.0", "wear_per_h = true", ["pumps.wear_per_h = True", "number in 0 .. 10, or a list of 2"]),
+    ("scale_error = 0.0", "scale_error = nan", ["sensors.scale_error = nan", "-0.5 .. 0.5"]),
+    ("scale_error = 0.0", "scale_error = [0.1, 0.1]", ["sensors.scale_error = [0.1, 0.1]", "a list of 4"]),
+    ("sqrt_s = 0.0", "sqrt_s = -1.0", ["tanks.turbulence_cm3_sqrt_s = -1.0", "0 .. 100"]),
 ]
 
 BAD_SCENARIO = [
@@ -52,6 +60,17 @@ BAD_SCENARIO = [
     ("[[fault]]\nat_s = 1.0\ntarget = 1\nvalue = 0.4\nsize = 2\nKIND", ["fault[0].size = 2", "unknown key"]),
     ("[[fault]]\nat_s = 1.0\nuntil_s = 1.0\ntarget = 1\nvalue = 0.4\nKIND", ["fault[0].until_s = 1.0", "later than"]),
     ("[emulator", ["not valid TOML"]),
+    ("[emulator]\nparameter_spread = 2.0", ["emulator.parameter_spread = 2.0", "0 .. 0.5"]),
+    ('[[fault]]\nat_s = 1.0\ntarget = 1\nkind = "pump_lag"', ["fault[0].value", "missing"]),
+    ('[[fault]]\nat_s = 1.0\nvalue = 1\ntarget = 1\nkind = "pump_dead"', ["fault[0].value = 1", "unknown key"]),
+    ('[[fault]]\nat_s = 1.0\ntarget = 5\nkind = "sensor_open"', ["fault[0].target = 5", "1, 2, 3, 4"]),
+    ('[[fault]]\nat_s = 1.0\nvalue = -11\ntarget = 1\nkind = "sensor_bias"', ["value = -11", "-10.24 .. 10.24"]),
+    ('[[fault]]\nat_s = 1.0\ntarget = "Levels"\nkind = "frame_reorder"', ["target = 'Levels'", "LowerLevels", "all"]),
+    ('[[fault]]\nat_s = 1.0\nvalue = 1.5\ntarget = "all"\nkind = "frame_burst"', ["value = 1.5", "whole number"]),
+    ('[[fault]]\nat_s = 1.0\nvalue = 0\ntarget = "all"\nkind = "frame_burst"', ["value = 0", "1 .. 100000"]),
+    ('[[fault]]\nat_s = 1.0\ntarget = 1\nkind = "node_reboot"', ["fault[0].target = 1", "pump, level"]),
+    ('[[fault]]\nat_s = 1.0\nvalue = 9000\nkind = "babble"', ["fault[0].value = 9000", "0.1 .. 4000"]),
+    ("[[fault]]\nat_s = 1.0\nkind = 3", ["fault[0].kind = 3", "must be one of"]),
 ]
 KIND = 'kind = "pump_effectiveness"'
 GOOD_FAULT = f"[[fault]]\nat_s = 1.0\ntarget = 1\nvalue = 0.4\n{KIND}"
