@@ -127,9 +127,7 @@ def _next_integral(config: ControllerConfig, loop: LoopState, mode: Mode, inputs
     if mode is Mode.MANUAL:
         theta1, theta2 = loop.law.effectiveness
         effective_V = (theta1 * command_V[0], theta2 * command_V[1])
-        return state_feedback.bumpless_integral(
-            loop.law, closed_loop.measured_level_cm(config.loop, inputs), effective_V
-        )
+        return state_feedback.bumpless_integral(loop.law, loop.level_cm, effective_V)
     return (0.0, 0.0) if mode in (Mode.DISARMED, Mode.READY) else loop.integral_Vs
 
 

@@ -229,6 +229,11 @@ INTERLOCKS: tuple[Interlock, ...] = (
         detail=lambda s: "short of {:.3g} and {:.3g} V".format(*s.inputs.pumps.shortfall_V),
     ),
     Interlock(
+        TripCause.CONTROLLER_FAILED,
+        lambda _, s: not (isfinite(s.diagnosis.effectiveness[0]) and isfinite(s.diagnosis.effectiveness[1])),
+        "the diagnosis takes a pump's effectiveness for no number",
+    ),
+    Interlock(
         TripCause.INVALID_LEVELS,
         _a_level_is_unknown,
         "a level is out of range or its sensor has failed",

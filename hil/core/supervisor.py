@@ -275,7 +275,18 @@ def _bypassed(state: Supervision) -> tuple[TripCause, ...]:
 
 
 def _with_command(state: Supervision, voltage: Pair) -> Supervision:
-    return state if voltage == state.command_V else replace(state, command_V=voltage)
+    if voltage == state.command_V:
+        return state
+    return Supervision(  # at every step: half the time of `replace`
+        state.mode,
+        state.cause,
+        voltage,
+        state.mismatch_since_ns,
+        state.manual_V,
+        state.bypasses,
+        state.stopped_by,
+        state.clears_node,
+    )
 
 
 def _moved(state: Supervision, mode: Mode) -> Step:
