@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
@@ -99,6 +99,13 @@ class Fault(Section):
     def effectiveness(self) -> float | None:
         """What this fault leaves of a pump's gain; None if it is of another kind."""
         return 0.0 if self.kind == "pump_dead" else self.value if self.kind == "pump_effectiveness" else None
+
+    @field_validator("kind", mode="before")
+    @classmethod
+    def _is_known(cls, kind: Any) -> Any:
+        if kind not in get_args(FaultKind):
+            raise ValueError(f"is none of {' '.join(get_args(FaultKind))}")
+        return kind
 
     @field_validator("target")
     @classmethod
