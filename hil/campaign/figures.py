@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 
 from hil.campaign.row import Row
 from hil.review.figures import BLUE, INK, ORANGE, panels, svg
 
 BINS = 40
+MARKS_S = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
 SHORTEST_S = 0.05
 """Delays below this, and none at all, fall into the first bin."""
 
@@ -27,6 +29,9 @@ def delays(label: str, rows: Sequence[Row], bound_s: float | None) -> str:
     if bound_s is not None:
         axes.axvline(max(bound_s, SHORTEST_S), color=INK, lw=1.2, dashes=(4, 2), label=f"bound {bound_s:.2g} s")
     axes.set_xscale("log")
+    marks = [mark for mark in MARKS_S if mark <= edges[-1]]
+    axes.set_xticks(marks, [f"{mark:g}" for mark in marks])
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_xlabel("time since the onset [s]")
     axes.set_ylabel("runs")
     if len(both) or bound_s is not None:

@@ -12,10 +12,14 @@ from hil.campaign.row import Row
 from hil.campaign.statistics import FaultClass, Rate, Spread
 
 MOST_NAMED = 5
+LEAST_WIDTH = 120
+"""Of the table where no terminal sets its width."""
 
 
 def show(console: Console, rows: Sequence[Row]) -> None:
     """Classes of faults, false alarms, invariants."""
+    if not console.is_terminal:
+        console.width = max(console.width, LEAST_WIDTH)
     classes = statistics.fault_classes(rows)
     if classes:
         console.print(_class_table(classes))
@@ -52,7 +56,15 @@ def spread_text(values: Spread, digits: int = 3) -> str:
 def _class_table(classes: Sequence[FaultClass]) -> Table:
     table = Table(title="Median / 95th percentile", title_justify="left")
     table.add_column("fault", no_wrap=True)
-    for name in ("runs", "found", "right", "found after [s]", "bound [s]", "told after [s]", "size error, 5 s"):
+    for name in (
+        "runs",
+        "found",
+        "right",
+        "found\nafter [s]",
+        "bound\n[s]",
+        "told\nafter [s]",
+        "size error\n5 s later",
+    ):
         table.add_column(name, justify="right")
     for one in classes:
         table.add_row(
@@ -60,9 +72,9 @@ def _class_table(classes: Sequence[FaultClass]) -> Table:
             str(one.runs),
             f"{one.detected:.1%}",
             f"{one.right:.1%}",
-            spread_text(one.detection),
-            "–" if one.bound_s is None else f"{one.bound_s:.3g}",
-            spread_text(one.isolation),
+            spread_text(one.detection, 2),
+            "–" if one.bound_s is None else f"{one.bound_s:.2g}",
+            spread_text(one.isolation, 2),
             spread_text(one.size_error_5s, 2),
         )
     return table

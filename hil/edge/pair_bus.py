@@ -1,6 +1,6 @@
 """A bus of two ends in one thread: python-can's interface, frames handed over as they are.
 
-python-can's virtual bus locks, copies and filters each frame; for runs by the thousand that is a sixth of the time.
+python-can's virtual bus copies and filters each frame, which makes a run an eighth longer.
 """
 
 from __future__ import annotations

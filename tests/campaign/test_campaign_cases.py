@@ -4,12 +4,13 @@ import json
 import subprocess
 import sys
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from campaign_bench import CONFIG, GRID, PAIRS, SHORT, campaign_file, cases_of
 
-from hil.campaign.cases import expand, with_seeds
+from hil.campaign.cases import Case, expand, with_seeds
 from hil.campaign.spec import load_spec
 from hil.campaign.toml_text import toml_text
 from hil.cli import campaign_run
@@ -166,3 +167,13 @@ def test_what_the_scenario_would_refuse_is_refused_before_any_run(
     with pytest.raises(SettingsError, match=f"^here: {said}") as complaint:
         campaign_run.check(case, CONFIG, "here")
     assert "\n" not in str(complaint.value)
+
+
+@pytest.mark.parametrize("file", sorted((CONFIG / "campaigns").glob("*.toml")), ids=lambda file: file.stem)
+def test_the_shipped_campaigns_can_be_run(file: Path) -> None:
+    """Every class once, without the diagnosis, which other tests build."""
+    labels: dict[str, Case] = {}
+    for case in cases_of(file):
+        labels.setdefault(f"{case.label} {case.faults if case.label == 'pairs' else ''}", case)
+    for case in labels.values():
+        campaign_run.check(replace(case, story={**case.story, "diagnosis": {"method": "none"}}), CONFIG, case.label)
