@@ -114,7 +114,7 @@ def _diagnosis(
     answers = [finding for finding in verdict.answers if finding is not None]
     after = [finding for finding in findings if finding not in verdict.false]
     columns: dict[str, Any] = {
-        "declared": " + ".join(sorted(_told(finding) for finding in after)),
+        "declared": " + ".join(sorted({_told(finding) for finding in after})),
         "flips": sum(finding.flips for finding in findings),
         "false_alarms": len(verdict.false),
         "spurious_alarms": len(verdict.spurious),

@@ -35,6 +35,7 @@ class Row:
     detected : some alarm speaks of the faults injected; delays count from the first onset, the isolation's to the last
     fault named. candidates_hold : the fault was among what it could be when it was first spoken of. right : all faults
     are named as they are, and nothing else. size_error_* : of a pump's effectiveness, 1 and 5 s after its isolation.
+    declared : all that was named after the onset, each once.
     healthy_h : hours before the first fault of the process. spilled_cm3 : what went over a rim.
     overflow to crashed : the invariants, true where broken; broken : in words. wall_s, cpu_s : time it took.
     """

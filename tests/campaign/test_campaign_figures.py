@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ from hil.campaign.outcome import Bench, Rest
 from hil.campaign.report import render
 from hil.campaign.row import INVARIANTS, Row, Took
 from hil.campaign.store import Store
-from hil.core.types import Mode, Pair, TickRecord
+from hil.core.types import Alarm, Event, Mode, Pair, Severity, TickRecord
 from hil.edge.run_folder import RunFolderError
 from hil.loop import Outcome as Ending
 
@@ -128,6 +128,20 @@ def tick() -> TickRecord:
 def test_an_observer_without_the_truth_is_of_no_use(tick: TickRecord) -> None:
     with pytest.raises(ValueError, match="truth"):
         Observer((0.0, 10.0), Pump()).tick(tick, None)
+
+
+def test_what_was_declared_is_named_once_and_counted_with_the_alarms() -> None:
+    alarms = [
+        Alarm(2.0, "leak", 1, 0.1, isolated_s=2.0, number=1),
+        Alarm(4.5, "unresolved", 0, 0.0, candidates=("sensor_drift 1", "leak 1"), number=2),
+        Alarm(6.0, "leak", 1, 0.2, isolated_s=6.0, number=2),
+        *(Alarm(7.0 + number, "sensor_bias", 1, 0.1, isolated_s=7.0, number=number) for number in (3, 4)),
+    ]
+    events = tuple((one.detected_s, Event(Severity.WARNING, "alarm", "", asdict(one))) for one in alarms)
+    one = judged(replace(seen(), events=events))
+    assert one.declared == "leak 1 + sensor_bias 1"
+    assert (one.false_alarms, one.spurious_alarms, one.right, one.candidates_hold) == (1, 2, False, True)
+    assert (one.detection_s, one.isolation_s) == (0.5, 2.0)
 
 
 def test_voltage_after_the_end_and_pumps_without_water_are_seen() -> None:
