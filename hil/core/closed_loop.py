@@ -113,7 +113,7 @@ def step(config: LoopConfig, state: LoopState, inputs: Inputs, now_ns: int) -> t
     effectiveness = law_for[1]
     if config.reconfigure and diagnosis.effectiveness != effectiveness:
         change = _change(effectiveness, diagnosis.effectiveness)
-        if change >= LARGE_CHANGE or (t_s - answered_s >= DWELL_S and change >= SMALL_CHANGE):
+        if not change < LARGE_CHANGE or (t_s - answered_s >= DWELL_S and change >= SMALL_CHANGE):
             effectiveness, answered_s = diagnosis.effectiveness, t_s
             sharpened_s = t_s + SHARPENING_S if change >= LARGE_CHANGE else sharpened_s
         elif t_s <= sharpened_s and change >= SHARPENED_CHANGE:

@@ -25,6 +25,8 @@ NOISY_RATIO = 9.0
 """A period's variance so many times the learned one is out of the ordinary for a handful of readings."""
 
 NOISY_PERIODS = 3
+CALM_RATIO = 2.0
+LEAST_VARIANCE_V2 = 1e-8
 GARBAGE_V = 0.3
 """Noise above this is no signal at all, V rms."""
 
@@ -33,8 +35,9 @@ GARBAGE_V = 0.3
 class Channel:
     """What has been learned of one sensor; changes in place.
 
-    variance_V2 : of one reading. repeat_share : how often a reading equals the one before. noisy_periods : how many in
-    a row were out of the ordinary.
+    variance_V2 : of one reading, as learned. repeat_share : how often a reading equals the one before. noisy_periods :
+    how many in a row were out of the ordinary. loud_V2 : mean variance of those. sound_V2 : the variance before the
+    sensor was called noisy. newest_V2 : of the last period's readings.
     """
 
     variance_V2: float
@@ -42,24 +45,29 @@ class Channel:
     repeat_share: float = 0.2
     noisy_periods: int = 0
     loud_V2: float = 0.0
+    sound_V2: float = 0.0
+    newest_V2: float = 0.0
+
+    @property
+    def current_variance(self) -> float:
+        """Variance of one reading of the last period: what was learned, unless the period is out of the ordinary."""
+        return max(self.variance_V2, self.newest_V2) if self.noisy_periods else self.variance_V2
 
     def learn(self, measurement: Measurement, index: int) -> None:
         """Take in one control period's readings."""
         variance, n = measurement.variance_V2[index], measurement.readings
         if not isfinite(variance) or n < 2 or not measurement.valid[index]:
             return
-        if variance > NOISY_RATIO * max(self.variance_V2, 1e-8):
+        self.newest_V2 = variance
+        if variance > NOISY_RATIO * max(self.variance_V2, LEAST_VARIANCE_V2):
             self.noisy_periods += 1
-            self.loud_V2 = max(self.loud_V2, variance)
-            if self.noisy_periods < NOISY_PERIODS:
-                return
-        else:
-            self.noisy_periods = 0
-            self.loud_V2 = 0.0
-        share = (n - 1) / self.weight
+            self.loud_V2 += (variance - self.loud_V2) / self.noisy_periods
+            return
+        self.noisy_periods = 0
         self.weight = min(self.weight + n - 1, MEMORY_READINGS)
+        share = (n - 1) / self.weight
         self.variance_V2 += share * (variance - self.variance_V2)
-        self.repeat_share += ((measurement.repeats[index] > 0) - self.repeat_share) * (n - 1) / self.weight
+        self.repeat_share += ((measurement.repeats[index] > 0) - self.repeat_share) * share
 
     def is_stuck(self, measurement: Measurement, index: int) -> bool:
         """Whether the run of equal readings is too long for chance."""
@@ -74,3 +82,12 @@ class Channel:
     def is_garbage(self) -> bool:
         """Whether there is no signal in the readings at all."""
         return self.is_noisy() and self.loud_V2 > GARBAGE_V**2
+
+    def accept_noise(self) -> None:
+        """Believe the sensor to be as noisy as it has lately been."""
+        self.sound_V2, self.variance_V2, self.weight = self.variance_V2, self.loud_V2, PRIOR_READINGS
+        self.noisy_periods = 0
+
+    def is_calm(self) -> bool:
+        """Whether a sensor once called noisy is as quiet as before."""
+        return self.variance_V2 < CALM_RATIO * max(self.sound_V2, LEAST_VARIANCE_V2)

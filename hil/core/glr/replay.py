@@ -1,8 +1,8 @@
 """The filter again, from the onset on, once per hypothesis: exact where the bank is linear.
 
 Each hypothesis is the filter as it stood at the onset, with room to jump: the variance of the state that jumps. How
-well it then predicts the readings, against the filter that knows of no jump, tells the hypotheses apart; its state tells
-the size.
+well it then predicts the readings, against the filter that knows of no jump, tells the hypotheses apart; its state
+tells the size.
 """
 
 from __future__ import annotations

@@ -1,0 +1,128 @@
+"""What a jump of a state is called and how large it is, in the words and units of a scenario."""
+
+from __future__ import annotations
+
+from math import nan, sqrt
+
+from hil.core.glr.hypotheses import BOTH, JUMPS, PUMPS
+from hil.core.glr.memory import Declared, Memory, Probation, Setup, Suspicion
+from hil.core.glr.process import BIAS, DRIFT, GAIN, LAG, LEAK, OUTLET, PUMP, SPLIT, Array
+from hil.core.types import UNRESOLVED, Alarm, Pair
+
+RECOVERED_STDS = 3.0
+RECOVERED_PUMP = 0.03
+"""A pump is back when its effectiveness is this close to 1."""
+
+
+def declare(setup: Setup, m: Memory, j: int, before: Array, onset: int, suspicion: Suspicion, number: int) -> Alarm:
+    """Note that state j of JUMPS has jumped, from what it was before to what the filter now says; the alarm."""
+    jump = JUMPS[j]
+    now, std = float(m.x[jump.state]), sqrt(m.P[jump.state, jump.state])
+    known = m.declared.get(j)
+    sound = known.sound if known else float(before[jump.state])
+    total = now - sound
+    kind = known.kind if known else (jump.rises if total > 0.0 else jump.falls)
+    least = RECOVERED_PUMP if jump.state < SPLIT else jump.least_fall
+    is_recovery = known is not None and abs(total) < max(RECOVERED_STDS * std, least)
+    shown, unit = _shown(setup, m, j, sound)
+    onset_s = m.time_of(onset)
+    if is_recovery:
+        del m.declared[j]
+        if jump.state >= LEAK:
+            m.forget(jump.state)
+    else:
+        m.declared[j] = Declared(kind, total, sound)
+    if kind == "sensor_drift" and not is_recovery:
+        _give_up(m, jump.target - 1, kind, number)
+    if j in PUMPS:
+        is_loss = not is_recovery and kind == "pump_effectiveness"
+        m.probation = _probation(setup, m, j, number, suspicion, onset_s) if is_loss else None
+    return Alarm(
+        suspicion.detected_s, kind, jump.target, shown, std * unit, onset_s, m.t_s, (f"{kind} {jump.target}",), number,
+        is_recovery,
+    )  # fmt: skip
+
+
+def unresolved(m: Memory, suspicion: Suspicion, numbers: list[int]) -> Alarm:
+    """The alarm while several hypotheses remain, the likeliest first."""
+    names: dict[str, None] = {}
+    for number in numbers:
+        for j in PUMPS if number == BOTH else (number,):
+            state = JUMPS[j].state
+            size = m.replays.x[number, state] - m.replays.before[number, state]
+            if m.replays.seen[number] < m.now and m.slot[j] >= 0:
+                size = m.bank.match[j, m.slot[j]]
+            kind = JUMPS[j].rises if size > 0.0 else JUMPS[j].falls
+            if kind:
+                names[f"{kind} {JUMPS[j].target}"] = None
+    onset_s = m.time_of(int(m.replays.onset[numbers[0]])) if numbers else nan
+    return Alarm(
+        suspicion.detected_s, UNRESOLVED, 0, nan, onset_s=onset_s, candidates=tuple(names), number=suspicion.number
+    )
+
+
+def effectiveness(m: Memory) -> Pair:
+    """(2,) what is left of each pump's gain; just 1 unless a loss was declared."""
+    left = [1.0, 1.0]
+    for pump in PUMPS:
+        fault = m.declared.get(pump)
+        if fault is not None and fault.kind == "pump_effectiveness":
+            left[pump] = min(max(float(m.x[GAIN + pump]) / fault.sound, 0.0), 1.0)
+    return left[0], left[1]
+
+
+def watch_probation(setup: Setup, m: Memory, log_likelihood: float, stuck_likelihood: float) -> list[Alarm]:
+    """Whether the pump that seemed to have lost gain is stuck instead: its flow does not follow its voltage."""
+    p = m.probation
+    if p is None:
+        return []
+    p.evidence += stuck_likelihood - log_likelihood
+    if m.t_s > p.until_s:
+        m.probation = None
+    if p.evidence < 2.0 * setup.tuning.margin:
+        return []
+    m.probation = None
+    fault = m.declared[p.pump]
+    m.declared[p.pump] = Declared("pump_stuck_on", fault.size, fault.sound)
+    flow_V = float(p.x[GAIN + p.pump] * p.x[PUMP + p.pump]) / fault.sound
+    name = f"pump_stuck_on {p.pump + 1}"
+    return [Alarm(p.detected_s, "pump_stuck_on", p.pump + 1, flow_V, nan, p.onset_s, m.t_s, (name,), p.number)]
+
+
+def _shown(setup: Setup, m: Memory, j: int, sound: float) -> tuple[float, float]:
+    """The size as a scenario would give it, and its unit in units of the state."""
+    jump = JUMPS[j]
+    now, c = float(m.x[jump.state]), setup.c
+    if jump.state < SPLIT:
+        stuck = m.declared[j].kind == "pump_stuck_on" if j in m.declared else now > sound
+        unit = (float(m.x[PUMP + jump.target - 1]) if stuck else 1.0) / sound
+        return now * unit, unit
+    if jump.state < OUTLET:
+        unit = float(c[10 + jump.target - 1] if jump.state < LAG else c[12])
+        return now * unit, unit
+    if jump.state < LEAK:
+        return abs(now - sound) / sound, 1.0 / sound
+    if jump.state < BIAS:
+        unit = 1.0 / float(m.x[OUTLET + jump.target - 1])
+        return (now - sound) * unit, unit
+    return now, 1.0
+
+
+def _give_up(m: Memory, sensor: int, kind: str, number: int) -> None:
+    """A sensor that drifts has nothing more to say."""
+    m.usable[sensor] = False
+    m.lost[sensor] = (kind, number)
+    m.agrees[sensor] = 0
+    m.forget(BIAS + sensor)
+    m.forget(DRIFT + sensor)
+    for j in [j for j in m.declared if JUMPS[j].state in (BIAS + sensor, DRIFT + sensor)]:
+        del m.declared[j]
+
+
+def _probation(setup: Setup, m: Memory, pump: int, number: int, suspicion: Suspicion, onset_s: float) -> Probation:
+    x = m.x.copy()
+    voltage_V = max(float(m.entry[pump]), 0.1)
+    x[GAIN + pump] *= float(x[PUMP + pump]) / voltage_V
+    x[PUMP + pump] = voltage_V
+    until_s = m.t_s + setup.tuning.probation_s
+    return Probation(pump, number, suspicion.detected_s, onset_s, until_s, voltage_V, x, m.P.copy())
