@@ -15,11 +15,12 @@ from hil.core.controller import ControllerConfig
 from hil.core.design import choose_rig_design
 from hil.core.diagnosis import NoDetector
 from hil.core.estimator import LevelFilter
-from hil.core.interlocks import Limits
+from hil.core.interlocks import SOUND, Belief, Limits
 from hil.core.reconfiguration import Reconfiguration
 from hil.core.tanks import TankModel, equilibrium, linearise
 from hil.core.types import (
     BusHealth,
+    Diagnosis,
     Inputs,
     Measurement,
     Mode,
@@ -100,6 +101,9 @@ FAULTS: tuple[tuple[str, TripCause, Callable[[Inputs], Inputs]], ...] = (
     ("node tripped", TripCause.NODE_TRIPPED, lambda i: but(i, "pumps", state=NodeState.TRIPPED)),
     ("node rebooted", TripCause.NODE_REBOOTED, lambda i: but(i, "nodes", rebooted=True)),
     ("wrong contract", TripCause.WRONG_CONTRACT, lambda i: but(i, "nodes", contract_matches=False)),
+    ("frames refused", TripCause.FRAMES_REFUSED, lambda i: but(i, "bus", refused_run=5)),
+    ("error storm", TripCause.ERROR_STORM, lambda i: but(i, "bus", errors_per_s=20)),
+    ("node boots", TripCause.NODE_REBOOTED, lambda i: but(i, "pumps", state=NodeState.BOOT)),
     ("levels late", TripCause.STALE_LEVELS, lambda i: but(i, "measurement", age_s=0.31)),
     ("levels never seen", TripCause.STALE_LEVELS, lambda i: but(i, "measurement", age_s=math.inf)),
     ("status late", TripCause.STALE_STATUS, lambda i: but(i, "pumps", age_s=0.31)),
@@ -113,6 +117,53 @@ FAULTS: tuple[tuple[str, TripCause, Callable[[Inputs], Inputs]], ...] = (
     *((f"tank {c + 1} nearly full", TripCause.HIGH_LEVEL, lambda i, c=c: level(i, c, 9.51)) for c in range(4)),
 )
 """Name, the cause that it trips with, and what it does to the inputs."""
+
+ALL = (True,) * 4
+REST_CM = tuple(y / 0.5 for y in REST_V)
+
+
+def doubted(*channels: int) -> tuple[bool, ...]:
+    """Trust in all sensors but these."""
+    return tuple(i not in channels for i in range(4))
+
+
+VERDICTS: tuple[tuple[str, TripCause, Diagnosis], ...] = (
+    *(
+        (f"pump {n} is no number", TripCause.CONTROLLER_FAILED, Diagnosis(theta))
+        for n, theta in ((1, (math.nan, 1.0)), (2, (1.0, math.nan)), (2, (1.0, math.inf)))
+    ),
+    *(
+        (f"sensor {c + 1} without substitute", TripCause.INVALID_LEVELS, Diagnosis(trusted=doubted(c)))
+        for c in range(4)
+    ),
+    *(
+        (
+            f"sensor {c + 1} replaced by no number",
+            TripCause.INVALID_LEVELS,
+            Diagnosis(trusted=doubted(c), level_V=tuple(math.nan if i == c else 2.0 for i in range(4))),
+        )
+        for c in range(4)
+    ),
+    ("two sensors lost", TripCause.SENSORS_LOST, Diagnosis(trusted=doubted(1, 3), level_V=REST_V)),
+    ("four sensors lost", TripCause.SENSORS_LOST, Diagnosis(trusted=doubted(0, 1, 2, 3), level_V=REST_V)),
+    *(
+        (
+            f"tank {c + 1} is full behind a lost sensor",
+            TripCause.HIGH_LEVEL,
+            Diagnosis(trusted=doubted(c), level_V=tuple(9.51 if i == c else 2.0 for i in range(4))),
+        )
+        for c in range(4)
+    ),
+    ("pump 1 stuck on", TripCause.PUMP_STUCK_ON, Diagnosis(stuck_on=(True, False))),
+    ("pump 2 stuck on", TripCause.PUMP_STUCK_ON, Diagnosis(stuck_on=(False, True))),
+    ("diverged", TripCause.ESTIMATOR_DIVERGED, Diagnosis(is_diverged=True)),
+)
+"""Name, the cause that it trips with, and what the diagnosis says."""
+
+
+def believing(diagnosis: Diagnosis = SOUND, **changes) -> Belief:
+    """What a loop that accommodates faults would hand on."""
+    return Belief(diagnosis, REST_CM, (3.0, 3.0), accommodates=True, **changes)
 
 
 def config(**changes) -> ControllerConfig:

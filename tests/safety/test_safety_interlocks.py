@@ -1,0 +1,452 @@
+"""Interlocks at their limits, what they look at, and bypasses."""
+
+import math
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from safety_bench import ALL, BENCH, FAULTS, HEALTHY, LIMITS, READY, REST_CM, REST_V, believing, but, doubted, level
+
+from hil.core import interlocks, supervisor
+from hil.core.interlocks import BYPASSABLE, INTERLOCKS, NO_BELIEF, Belief, Reaction
+from hil.core.supervisor import OFF, Supervision
+from hil.core.types import Action, Diagnosis, Mode, NodeState, Request, Severity, TripCause
+
+NOW_NS = 7_000_000_000
+SECOND = 1_000_000_000
+RUNNING = Supervision(Mode.RUNNING, None, (3.0, 3.0))
+JUST = 1e-9
+
+
+def after(inputs, belief=NO_BELIEF, *, limits=LIMITS, state=RUNNING, now_ns=NOW_NS):
+    return supervisor.next_mode(limits, state, inputs, now_ns, belief)
+
+
+def cause_of(inputs, belief=NO_BELIEF, **more):
+    return after(inputs, belief, **more)[0].cause
+
+
+def text_of(inputs, belief=NO_BELIEF, **more):
+    return after(inputs, belief, **more)[1][0].text
+
+
+def runs(*lengths, base=HEALTHY):
+    return but(base, "measurement", invalid_run=lengths, valid=tuple(n == 0 for n in lengths))
+
+
+# the table
+
+
+def test_every_cause_has_its_interlock():
+    assert {interlock.cause for interlock in INTERLOCKS} == set(TripCause)
+
+
+def test_only_what_the_diagnosis_or_a_counter_believes_can_be_bypassed():
+    assert {
+        TripCause.ECHO_MISMATCH,
+        TripCause.ERROR_STORM,
+        TripCause.DRY_RUN,
+        TripCause.PUMP_DEAD,
+        TripCause.ESTIMATOR_DIVERGED,
+    } == BYPASSABLE
+
+
+def test_trips_stand_before_stops():
+    reactions = [interlock.reaction for interlock in INTERLOCKS]
+    assert reactions == sorted(reactions, key=lambda reaction: reaction is Reaction.STOP)
+    assert [i.cause for i in INTERLOCKS if i.reaction is Reaction.STOP] == [TripCause.PUMP_DEAD]
+
+
+def test_texts_have_their_numbers():
+    gone = but(HEALTHY, "bus", is_up=False)
+    assert text_of(gone) == "tripped: the CAN bus is gone"
+    assert text_of(but(gone, "bus", last_error="no such device")) == "tripped: the CAN bus is gone: no such device"
+    assert "23 within a second" in text_of(but(HEALTHY, "bus", errors_per_s=23))
+    assert "levels of 12.26, 12.78, 1.63, 19.02 cm" in text_of(level(HEALTHY, 3, 9.51))
+    state = replace(RUNNING, mismatch_since_ns=0)
+    assert "short of 0.5 and -0.25 V" in text_of(but(HEALTHY, "pumps", shortfall_V=(0.5, -0.25)), state=state)
+
+
+# levels: at, below and above their limits
+
+
+@pytest.mark.parametrize("channel", range(4))
+@pytest.mark.parametrize(("length", "cause"), [(1, None), (2, None), (3, TripCause.INVALID_LEVELS), (40, "same")])
+def test_the_third_invalid_reading_trips_a_sensor_that_nobody_doubts(channel, length, cause):
+    lengths = [0] * 4
+    lengths[channel] = length
+    assert cause_of(runs(*lengths), believing()) is (TripCause.INVALID_LEVELS if cause == "same" else cause)
+
+
+@pytest.mark.parametrize("channel", range(4))
+def test_the_model_takes_the_place_of_a_sensor_that_the_diagnosis_has_found_out(channel):
+    lengths = [0] * 4
+    lengths[channel] = 400
+    bad = level(runs(*lengths), channel, 10.24)
+    found = Diagnosis(trusted=doubted(channel), level_V=REST_V)
+    assert cause_of(bad, believing(found)) is None
+    other = Diagnosis(trusted=doubted((channel + 1) % 4), level_V=REST_V)
+    assert cause_of(bad, believing(other)) is TripCause.INVALID_LEVELS
+    assert cause_of(bad, believing()) is TripCause.INVALID_LEVELS
+
+
+@pytest.mark.parametrize("channel", range(4))
+@pytest.mark.parametrize("nonsense", [math.nan, math.inf, -math.inf])
+def test_a_level_that_is_no_number_trips_at_once_unless_nobody_asks_for_it(channel, nonsense):
+    inputs = level(HEALTHY, channel, nonsense)
+    assert cause_of(inputs, believing()) is TripCause.INVALID_LEVELS
+    assert cause_of(inputs, believing(Diagnosis(trusted=doubted(channel), level_V=REST_V))) is None
+    elsewhere = Diagnosis(trusted=doubted((channel + 1) % 4), level_V=REST_V)
+    assert cause_of(inputs, believing(elsewhere)) is TripCause.INVALID_LEVELS
+
+
+@pytest.mark.parametrize("channel", range(4))
+@pytest.mark.parametrize("run", [1, 2])
+def test_a_reading_that_is_not_valid_says_nothing_of_a_high_level(channel, run):
+    """Shorted high for a reading or two; the estimate stands in, and it counts."""
+    lengths = [0] * 4
+    lengths[channel] = run
+    shorted = level(runs(*lengths), channel, 10.24)
+    assert cause_of(shorted, believing()) is None
+    full = tuple(19.1 if i == channel else h for i, h in enumerate(REST_CM))
+    assert cause_of(shorted, replace(believing(), level_cm=full)) is TripCause.HIGH_LEVEL
+    assert cause_of(shorted, NO_BELIEF) is TripCause.HIGH_LEVEL
+
+
+@pytest.mark.parametrize("channel", range(4))
+def test_levels_are_the_best_that_is_known(channel):
+    others = tuple(i for i in range(4) if i != channel)
+    inputs = level(HEALTHY, channel, 5.0)
+    model_V, estimate_cm = (1.0, 2.0, 3.0, 4.0), (11.0, 12.0, 13.0, 14.0)
+    lost = Diagnosis(trusted=doubted(channel), level_V=model_V)
+    for seen, belief, expected in (
+        (inputs, NO_BELIEF, 10.0),
+        (inputs, Belief(lost, estimate_cm), 2.0 * model_V[channel]),
+        (inputs, Belief(replace(lost, level_V=None), estimate_cm), 10.0),
+        (but(inputs, "measurement", valid=doubted(channel)), Belief(Diagnosis(), estimate_cm), estimate_cm[channel]),
+        (but(inputs, "measurement", valid=doubted(channel)), NO_BELIEF, 10.0),
+        (but(inputs, "measurement", valid=doubted(channel)), Belief(lost, estimate_cm), 2.0 * model_V[channel]),
+    ):
+        found = interlocks.levels_cm(LIMITS, seen, belief)
+        assert found[channel] == pytest.approx(expected)
+        assert [found[i] for i in others] == pytest.approx([REST_CM[i] for i in others])
+
+
+@pytest.mark.parametrize(("lost", "cause"), [((), None), ((2,), None), ((0, 1), TripCause.SENSORS_LOST)])
+def test_one_sensor_may_be_lost_two_may_not(lost, cause):
+    assert cause_of(HEALTHY, believing(Diagnosis(trusted=doubted(*lost), level_V=REST_V))) is cause
+
+
+# overshoot
+
+
+def standing_at(h1, h3, *, side=0):
+    """Lower and upper level in cm on one side, little on the other."""
+    levels = (h1, 2.0, h3, 0.5) if side == 0 else (2.0, h1, 0.5, h3)
+    return but(HEALTHY, "measurement", level_V=tuple(h / 2.0 for h in levels))
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_tank_that_would_still_rise_to_the_rim_trips_before_its_level_does(side):
+    idle = but(standing_at(18.0, 19.0, side=side), "pumps", applied_V=(0.0, 0.0))
+    rim = replace(LIMITS, rim_margin_cm=0.0)
+    off = replace(RUNNING, command_V=(0.0, 0.0))
+    low, high = 18.0, 19.0
+    for _ in range(40):  # the upper level at which the peak is at the limit, by bisection
+        h3 = 0.5 * (low + high)
+        trips = cause_of(standing_at(18.0, h3, side=side), state=off, limits=rim) is TripCause.HIGH_LEVEL
+        low, high = (low, h3) if trips else (h3, high)
+    assert cause_of(idle, state=off) is None
+    assert cause_of(standing_at(18.9, 18.9, side=side), limits=rim) is None
+
+
+def test_what_the_pumps_still_deliver_counts_whoever_says_so():
+    """Command, applied voltage and the lagging flow: the largest of them is on its way."""
+    brim = but(standing_at(2.0, 18.9), "pumps", applied_V=(0.0, 0.0))
+    off = replace(RUNNING, command_V=(0.0, 0.0))
+    tight = replace(LIMITS, rim_margin_cm=0.9, lag_s=5.0)
+    assert cause_of(brim, state=off, limits=tight) is None
+    assert cause_of(brim, state=replace(off, command_V=(0.0, 3.0)), limits=tight) is TripCause.HIGH_LEVEL
+    assert cause_of(but(brim, "pumps", applied_V=(0.0, 3.0)), state=off, limits=tight) is TripCause.HIGH_LEVEL
+    assert cause_of(brim, Belief(pump_V=(0.0, 3.0)), state=off, limits=tight) is TripCause.HIGH_LEVEL
+    assert cause_of(brim, Belief(pump_V=(3.0, 0.0)), state=off, limits=tight) is None
+    other = but(but(HEALTHY, "pumps", applied_V=(0.0, 0.0)), "measurement", level_V=(1.0, 1.0, 0.2, 9.45))
+    assert cause_of(other, state=replace(off, command_V=(3.0, 0.0)), limits=tight) is TripCause.HIGH_LEVEL
+    assert cause_of(other, state=replace(off, command_V=(0.0, 3.0)), limits=tight) is None
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_blocked_outlet_brings_down_all_that_stands_above(side):
+    shares = (0.02, 1.0) if side == 0 else (1.0, 0.02)
+    inputs = standing_at(17.5, 2.5, side=side)
+    assert cause_of(inputs) is None
+    assert cause_of(inputs, Belief(open_share=shares)) is TripCause.HIGH_LEVEL
+    assert cause_of(inputs, Belief(open_share=shares[::-1])) is None
+
+
+# pumps
+
+
+@pytest.mark.parametrize(
+    ("theta", "applied", "cause"),
+    [
+        ((0.1 - JUST, 0.1 - JUST), (0.5 + JUST, 0.0), TripCause.DRY_RUN),
+        ((0.1 - JUST, 0.1 - JUST), (0.0, 0.5 + JUST), TripCause.DRY_RUN),
+        ((0.1, 0.0), (3.0, 3.0), None),
+        ((0.0, 0.1), (3.0, 3.0), None),
+        ((0.0, 0.0), (0.5, 0.5), None),
+        ((0.0, 1.0), (3.0, 3.0), None),
+    ],
+)
+def test_both_pumps_without_effect_and_one_driven_run_dry(theta, applied, cause):
+    assert cause_of(but(HEALTHY, "pumps", applied_V=applied), believing(Diagnosis(theta))) is cause
+
+
+@pytest.mark.parametrize("theta", [(0.1 - JUST, 1.0), (1.0, 0.1 - JUST), (0.0, 0.0)])
+def test_a_dead_pump_stops_the_run_if_so_configured(theta):
+    stops = replace(LIMITS, stops_on_dead_pump=True)
+    off = but(HEALTHY, "pumps", applied_V=(0.0, 0.0))
+    state, events = after(off, believing(Diagnosis(theta)), limits=stops)
+    assert (state.mode, state.cause, state.stopped_by) == (Mode.STOPPING, None, "pump_dead")
+    assert [(e.code, e.severity) for e in events] == [("stop", Severity.ERROR), ("mode", Severity.INFO)]
+    assert events[0].data == {"cause": "pump_dead"}
+    assert after(off, believing(Diagnosis(theta)))[0].mode is Mode.DEGRADED
+    assert after(off, believing(Diagnosis((0.1, 0.1))), limits=stops)[0].mode is Mode.DEGRADED
+
+
+# counters and echoes
+
+
+@pytest.mark.parametrize(
+    ("key", "limit", "cause"),
+    [("refused_run", 5, TripCause.FRAMES_REFUSED), ("errors_per_s", 20, TripCause.ERROR_STORM)],
+)
+def test_counters_trip_at_their_limit(key, limit, cause):
+    for count, expected in ((0, None), (limit - 1, None), (limit, cause), (limit + 1, cause)):
+        assert cause_of(but(HEALTHY, "bus", **{key: count})) is expected
+
+
+@pytest.mark.parametrize("pump", [0, 1])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_node_that_does_not_apply_what_it_echoes_trips_after_a_while(pump, sign):
+    def short(volts):
+        return but(HEALTHY, "pumps", shortfall_V=tuple(sign * volts if i == pump else 0.0 for i in (0, 1)))
+
+    state, _ = after(short(0.05), now_ns=0)
+    assert state.mismatch_since_ns == -1
+    state, _ = after(short(0.05 + JUST), state=state, now_ns=0)
+    assert state.mismatch_since_ns == 0
+    state, _ = after(short(0.3), state=state, now_ns=SECOND // 5)
+    assert (state.mode, state.mismatch_since_ns) == (Mode.RUNNING, 0)
+    again, _ = after(short(0.0), state=state, now_ns=SECOND // 5 + 1)
+    assert again.mismatch_since_ns == -1
+    assert again.mode is Mode.RUNNING
+    assert cause_of(short(0.3), state=state, now_ns=SECOND // 5 + 1) is TripCause.ECHO_MISMATCH
+
+
+# bypasses
+
+
+def bypass(interlock=TripCause.ESTIMATOR_DIVERGED, for_s=60.0):
+    return Request(Action.BYPASS, interlock=interlock, for_s=for_s)
+
+
+DIVERGED = believing(Diagnosis(is_diverged=True))
+
+
+@pytest.mark.parametrize(("for_s", "lasts_s"), [(1.5, 1.5), (600.0, 600.0), (600.1, 600.0), (1e9, 600.0)])
+def test_a_bypass_is_logged_and_ends_by_itself_within_ten_minutes(for_s, lasts_s):
+    state, (event,) = after(replace(HEALTHY, requests=(bypass(for_s=for_s),)), DIVERGED)
+    assert (event.code, event.severity) == ("bypass", Severity.WARNING)
+    assert event.data == {"interlock": "estimator_diverged", "for_s": lasts_s}
+    assert event.text == f"estimator_diverged bypassed for {lasts_s:g} s"
+    ends_ns = NOW_NS + round(lasts_s * 1e9)
+    assert state.bypasses == ((TripCause.ESTIMATOR_DIVERGED, ends_ns),)
+    during, events = after(HEALTHY, DIVERGED, state=state, now_ns=ends_ns - 1)
+    assert (during, events) == (state, ())
+    over, events = after(HEALTHY, DIVERGED, state=state, now_ns=ends_ns)
+    assert (over.mode, over.cause, over.bypasses) == (Mode.TRIPPED, TripCause.ESTIMATOR_DIVERGED, ())
+    assert [e.code for e in events] == ["bypass_end", "trip"]
+    assert (events[0].severity, events[0].data) == (Severity.WARNING, {"interlock": "estimator_diverged"})
+    assert events[0].text == "estimator_diverged counts again"
+
+
+def test_a_bypass_leaves_out_one_interlock_only():
+    state, _ = after(replace(HEALTHY, requests=(bypass(),)), DIVERGED)
+    for name, cause, fault in FAULTS:
+        assert cause_of(fault(HEALTHY), DIVERGED, state=state) is cause, name
+    dry = but(READY, "pumps", applied_V=(3.0, 3.0))
+    dead = believing(Diagnosis((0.0, 0.0), is_diverged=True))
+    assert cause_of(dry, dead, state=state) is TripCause.DRY_RUN
+    both, _ = after(replace(dry, requests=(bypass(TripCause.DRY_RUN, 1.0),)), dead, state=state)
+    assert both.cause is None
+    assert dict(both.bypasses) == {
+        TripCause.ESTIMATOR_DIVERGED: NOW_NS + 60 * SECOND,
+        TripCause.DRY_RUN: NOW_NS + SECOND,
+    }
+    one, events = after(but(HEALTHY, "pumps", applied_V=(0.0, 0.0)), DIVERGED, state=both, now_ns=NOW_NS + SECOND)
+    assert [c for c, _ in one.bypasses] == [TripCause.ESTIMATOR_DIVERGED]
+    assert [e.code for e in events if e.code != "mode"] == ["bypass_end"]
+
+
+def test_a_bypass_asked_for_again_lasts_anew():
+    state, _ = after(replace(HEALTHY, requests=(bypass(for_s=10.0),)))
+    state, _ = after(replace(HEALTHY, requests=(bypass(for_s=5.0),)), state=state, now_ns=NOW_NS + 8 * SECOND)
+    assert state.bypasses == ((TripCause.ESTIMATOR_DIVERGED, NOW_NS + 13 * SECOND),)
+
+
+@pytest.mark.parametrize("cause", [None, *(c for c in TripCause if c not in BYPASSABLE)])
+def test_an_interlock_without_which_nothing_is_safe_can_not_be_bypassed(cause):
+    state, (event,) = after(replace(HEALTHY, requests=(bypass(cause),)))
+    assert state == RUNNING
+    assert (event.code, event.severity) == ("refused", Severity.WARNING)
+    assert event.data == {"action": "bypass", "reason": f"{cause} can't be bypassed"}
+    assert event.text == f"bypass refused: {cause} can't be bypassed"
+
+
+@pytest.mark.parametrize("for_s", [0.0, -1.0, math.nan, math.inf])
+def test_a_bypass_for_no_time_or_for_ever_is_refused(for_s):
+    state, (event,) = after(replace(HEALTHY, requests=(bypass(for_s=for_s),)))
+    assert state.bypasses == ()
+    assert "is no time" in event.text
+
+
+def test_a_bypassed_interlock_does_not_keep_the_rig_from_arming():
+    waiting = Supervision(bypasses=((TripCause.ERROR_STORM, NOW_NS + SECOND),))
+    storm = but(READY, "bus", errors_per_s=50)
+    assert after(storm, state=waiting)[0].mode is Mode.READY
+    assert after(storm, state=Supervision())[0].mode is Mode.DISARMED
+
+
+# clearing
+
+
+def test_clearing_while_the_cause_stands_is_refused_and_says_why():
+    tripped = Supervision(Mode.TRIPPED, TripCause.HIGH_LEVEL)
+    inputs = replace(level(READY, 0, 9.6), requests=(Request(Action.CLEAR),))
+    state, (event,) = after(inputs, state=tripped)
+    assert state == tripped
+    assert (event.code, event.severity) == ("refused", Severity.WARNING)
+    assert event.data == {"action": "clear", "reason": "high_level"}
+    assert event.text.startswith("clear refused: a tank is about to overflow: levels of 19.20")
+
+
+def test_clearing_ends_disarmed_and_takes_the_nodes_own_trip_along():
+    tripped = Supervision(Mode.TRIPPED, TripCause.NODE_TRIPPED)
+    inputs = but(replace(READY, requests=(Request(Action.CLEAR),)), "pumps", state=NodeState.TRIPPED)
+    state, (event,) = after(inputs, state=tripped)
+    assert state == Supervision(clears_node=True)
+    assert event.text == "TRIPPED -> DISARMED"
+    state, _ = after(READY, state=state)
+    assert (state.mode, state.clears_node) == (Mode.READY, True)
+    state, _ = after(READY, state=state)
+    assert (state.mode, state.clears_node) == (Mode.RUNNING, False)
+    stopped, _ = after(but(READY, "bus", is_up=False), state=replace(state, clears_node=True))
+    assert (stopped.mode, stopped.clears_node) == (Mode.TRIPPED, False)
+
+
+@pytest.mark.parametrize("mode", [Mode.DISARMED, Mode.READY, Mode.TRIPPED])
+def test_a_stop_while_nothing_moves_is_kept(mode):
+    state, _ = after(replace(READY, requests=(Request(Action.STOP),)), state=Supervision(mode))
+    assert state.stopped_by == "operator"
+    if mode is not Mode.TRIPPED:
+        for _ in range(3):
+            state, _ = after(READY, state=state)
+            assert state.mode is Mode.DISARMED
+
+
+# manual
+
+
+@pytest.mark.parametrize("volts", [(-JUST, 1.0), (1.0, 10.0 + JUST), (math.nan, 1.0), (1.0, math.inf)])
+@pytest.mark.parametrize("mode", [Mode.RUNNING, Mode.MANUAL])
+def test_manual_voltages_out_of_range_are_refused_and_change_nothing(mode, volts):
+    before = Supervision(mode, None, (3.0, 3.0), manual_V=(3.5, 3.5))
+    state, events = after(replace(HEALTHY, requests=(Request(Action.MANUAL, voltage_V=volts),)), state=before)
+    assert state == before
+    assert [e.code for e in events] == ["refused"]
+    assert events[0].text == f"manual refused: {volts} V is outside 0..10 V"
+
+
+def test_the_ends_of_the_range_can_be_asked_for():
+    wish = Request(Action.MANUAL, voltage_V=(0.0, 10.0))
+    state, _ = after(replace(HEALTHY, requests=(wish,)))
+    assert (state.mode, state.manual_V) == (Mode.MANUAL, (0.0, 10.0))
+
+
+def test_what_is_refused_names_mode_and_action():
+    _, (event,) = after(replace(HEALTHY, requests=(Request(Action.AUTO),)))
+    assert event.text == "auto refused: not while RUNNING"
+    assert event.data == {"action": "auto", "reason": "not while RUNNING"}
+
+
+# any history
+
+REQUESTS = st.one_of(
+    st.builds(Request, st.sampled_from([Action.AUTO, Action.CLEAR, Action.STOP])),
+    st.builds(
+        Request,
+        st.just(Action.MANUAL),
+        st.one_of(st.none(), st.tuples(st.floats(-2.0, 12.0), st.floats(allow_nan=True, allow_infinity=True))),
+    ),
+    st.builds(
+        Request,
+        st.just(Action.BYPASS),
+        interlock=st.one_of(st.none(), st.sampled_from(TripCause)),
+        for_s=st.floats(allow_nan=True, allow_infinity=True),
+    ),
+)
+DIAGNOSES = st.sampled_from(
+    [
+        Diagnosis(),
+        Diagnosis((0.4, 1.0)),
+        Diagnosis((0.0, 0.0)),
+        Diagnosis(is_diverged=True),
+        Diagnosis(stuck_on=(True, False)),
+        Diagnosis(trusted=doubted(1), level_V=REST_V),
+    ]
+)
+STEPS = st.tuples(
+    st.sampled_from([HEALTHY, READY, READY, READY]),
+    st.lists(st.sampled_from(FAULTS), max_size=1),
+    st.lists(REQUESTS, max_size=2),
+    DIAGNOSES,
+    st.booleans(),
+    st.integers(1, 400),
+    st.tuples(st.floats(-50, 50), st.floats(-50, 50)),
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.lists(STEPS, max_size=60), st.sampled_from([LIMITS, replace(LIMITS, stops_on_dead_pump=True)]))
+def test_no_history_leaves_range_or_rate_or_forgets_a_trip(history, limits):
+    state, now_ns = Supervision(), 0
+    for base, faults, requests, diagnosis, stop, seconds, wanted_V in history:
+        now_ns += seconds * SECOND
+        inputs = replace(base, stop_requested=stop and not requests, requests=tuple(requests))
+        for _, _, fault in faults:
+            inputs = fault(inputs)
+        before = state
+        state, _ = supervisor.next_mode(limits, state, inputs, now_ns, believing(diagnosis))
+        state, command = supervisor.safe_command(limits, state, wanted_V, 0.1)
+        assert all(0.0 <= v <= 10.0 for v in command.voltage_V)
+        for v, last in zip(command.voltage_V, before.command_V, strict=True):
+            assert v - last <= 2.0 + 1e-12
+            if command.enable:
+                assert last - v <= 2.0 + 1e-12
+        if state.mode is Mode.TRIPPED:
+            assert command == OFF
+            assert before.cause in (None, state.cause), "the first cause stays"
+            assert state.cause is not None
+        elif before.mode is Mode.TRIPPED:
+            assert state.mode is Mode.DISARMED
+            assert any(r.action is Action.CLEAR for r in requests)
+        for cause, until_ns in state.bypasses:
+            assert cause in BYPASSABLE
+            assert now_ns <= until_ns <= now_ns + 600 * SECOND
+
+
+def test_the_bench_is_sound():
+    assert LIMITS.model == BENCH
+    assert HEALTHY.measurement.valid == ALL
