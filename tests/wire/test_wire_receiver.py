@@ -12,6 +12,7 @@ from wire_bench import (
     MS,
     NAMES,
     NODE_FRAMES,
+    feed_levels,
     frame,
     go,
     message,
@@ -201,15 +202,6 @@ def test_swapped_frames_leave_the_newer_one():
 
 
 # levels
-
-
-def feed_levels(receiver_, counter, at_ns, levels=(6.0, 6.4, 0.8, 0.7), statuses=(0, 0, 0, 0)):
-    y1, y2, y3, y4 = levels
-    s1, s2, s3, s4 = statuses
-    lower = frame("LowerLevels", counter, Level1=y1, Level2=y2, Status1=s1, Status2=s2)
-    upper = frame("UpperLevels", counter, Level3=y3, Level4=y4, Status3=s3, Status4=s4)
-    assert receiver_.take(lower, at_ns) is None
-    assert receiver_.take(upper, at_ns) is None
 
 
 def test_a_step_gets_the_mean_of_the_readings_since_the_last_one():

@@ -69,3 +69,12 @@ def seen(receiver_, now_ns=0):
 
 def go(v1=3.0, v2=4.0, *, enable=True):
     return Command((v1, v2), enable)
+
+
+def feed_levels(receiver_, counter, at_ns, levels=(6.0, 6.4, 0.8, 0.7), statuses=(0, 0, 0, 0)):
+    y1, y2, y3, y4 = levels
+    s1, s2, s3, s4 = statuses
+    lower = frame("LowerLevels", counter, Level1=y1, Level2=y2, Status1=s1, Status2=s2)
+    upper = frame("UpperLevels", counter, Level3=y3, Level4=y4, Status3=s3, Status4=s4)
+    assert receiver_.take(lower, at_ns) is None
+    assert receiver_.take(upper, at_ns) is None
