@@ -21,6 +21,7 @@ LONGEST_RUN = 100
 OPEN_RUN = 3
 PRIOR_READINGS = 40.0
 MEMORY_READINGS = 3000.0
+NOISY_MEMORY_READINGS = 100.0
 NOISY_RATIO = 9.0
 """A period's variance so many times the learned one is out of the ordinary for a handful of readings."""
 
@@ -37,7 +38,7 @@ class Channel:
 
     variance_V2 : of one reading, as learned. repeat_share : how often a reading equals the one before. noisy_periods :
     how many in a row were out of the ordinary. loud_V2 : mean variance of those. sound_V2 : the variance before the
-    sensor was called noisy. newest_V2 : of the last period's readings.
+    sensor was called noisy, 0 while it isn't. newest_V2 : of the last period's readings.
     """
 
     variance_V2: float
@@ -64,7 +65,7 @@ class Channel:
             self.loud_V2 += (variance - self.loud_V2) / self.noisy_periods
             return
         self.noisy_periods = 0
-        self.weight = min(self.weight + n - 1, MEMORY_READINGS)
+        self.weight = min(self.weight + n - 1, NOISY_MEMORY_READINGS if self.sound_V2 else MEMORY_READINGS)
         share = (n - 1) / self.weight
         self.variance_V2 += share * (variance - self.variance_V2)
         self.repeat_share += ((measurement.repeats[index] > 0) - self.repeat_share) * share
@@ -88,6 +89,10 @@ class Channel:
         self.sound_V2, self.variance_V2, self.weight = self.variance_V2, self.loud_V2, PRIOR_READINGS
         self.noisy_periods = 0
 
+    def forgive(self) -> None:
+        """Back to normal."""
+        self.sound_V2 = 0.0
+
     def is_calm(self) -> bool:
         """Whether a sensor once called noisy is as quiet as before."""
-        return self.variance_V2 < CALM_RATIO * max(self.sound_V2, LEAST_VARIANCE_V2)
+        return self.sound_V2 > 0.0 and self.variance_V2 < CALM_RATIO * max(self.sound_V2, LEAST_VARIANCE_V2)

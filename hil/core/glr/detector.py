@@ -27,6 +27,8 @@ LARGEST_SURPRISE = 9.0
 """A single innovation counts for no more than three standard deviations where noise is learned."""
 
 LARGEST_SCALE = 25.0
+LARGEST_SHOCK = 30.0
+"""One step's mean square innovation counts for no more than this in the divergence test: a jump is a fault's affair."""
 
 
 class GlrDetector:
@@ -76,8 +78,10 @@ class GlrDetector:
         entry[0:2] = applied_V
         floor_V2 = self._setup.tuning.reading_floor_V**2
         for i, channel in enumerate(m.channels):
-            channel.learn(measurement, i)
-            is_there = n > 0 and m.usable[i] and measurement.valid[i]
+            is_wet = measurement.level_V[i] > self._setup.empty_V
+            if is_wet:
+                channel.learn(measurement, i)
+            is_there = n > 0 and m.usable[i] and measurement.valid[i] and is_wet
             entry[2 + i] = measurement.level_V[i] if is_there else nan
             entry[6 + i] = m.scale[i] * (channel.current_variance / max(n, 1) + floor_V2)
         mean_age_s = measurement.age_s + 0.5 * dt * (n - 1) / n if n > 0 else 0.0
@@ -125,7 +129,7 @@ class GlrDetector:
                     factor = exp(tuning.scale_pace * (min(square, LARGEST_SURPRISE) - 1.0))
                     m.scale[i] = min(max(m.scale[i] * factor, 1.0), LARGEST_SCALE)
         if count:
-            m.surprise += min(m.entry[10] / tuning.diverged_s, 1.0) * (total / count - m.surprise)
+            m.surprise += min(m.entry[10] / tuning.diverged_s, 1.0) * (min(total / count, LARGEST_SHOCK) - m.surprise)
 
     def _diagnosis(self, m: Memory, alarms: list[Alarm]) -> Diagnosis:
         gain = float(self._setup.c[13])

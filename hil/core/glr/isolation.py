@@ -70,7 +70,7 @@ def _catch_up(setup: Setup, m: Memory, rows: int, budget: int) -> int:
 
 
 def _likely_by_bank(setup: Setup, m: Memory) -> list[int]:
-    return [j for j in range(H) if m.ratio[j] > 0.0 and m.ratio[j] >= m.statistic - setup.tuning.margin]
+    return [j for j in range(H + 1) if m.ratio[j] > 0.0 and m.ratio[j] >= m.statistic - setup.tuning.margin]
 
 
 def _is_possible(m: Memory, number: int) -> bool:

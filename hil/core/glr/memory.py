@@ -17,15 +17,21 @@ from hil.core.glr.tuning import Tuning
 from hil.core.tanks import TankModel
 from hil.core.types import Measurement, Pair
 
+EMPTY_STDS = 6.0
+
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What doesn't change: c (16,) the rig's constants, walk (N,) variance a period, noise_V of a reading."""
+    """What doesn't change: c (16,) the rig's constants, walk (N,) variance a period, noise_V of a reading.
+
+    empty_V : below it a tank may be empty, where a converter cuts the noise off: such readings are not used.
+    """
 
     tuning: Tuning
     c: Array
     walk: Array
     noise_V: float
+    empty_V: float
 
     @classmethod
     def of(cls, model: TankModel, lag_s: float, noise_V: float, tuning: Tuning) -> Setup:
@@ -33,7 +39,7 @@ class Setup:
         walk = np.zeros(N)
         walk[LEVEL : LEVEL + 4] = tuning.level_walk_cm**2
         walk[GAIN:LEAK] = tuning.parameter_walk**2
-        return cls(tuning, process.constants(model, lag_s), walk, noise_V)
+        return cls(tuning, process.constants(model, lag_s), walk, noise_V, EMPTY_STDS * noise_V)
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ def examine(setup: Setup, m: Memory, measurement: Measurement) -> list[Alarm]:
     alarms = []
     for i in range(4):
         if m.usable[i]:
-            kind, run = _fault(m, measurement, i)
+            kind, run = _fault(setup, m, measurement, i)
             if kind:
                 alarms.append(_lose(setup, m, i, kind, 1 + run // max(measurement.readings, 1)))
             else:
@@ -46,12 +46,13 @@ def readmit(setup: Setup, m: Memory, measurement: Measurement) -> list[Alarm]:
     return alarms
 
 
-def _fault(m: Memory, measurement: Measurement, i: int) -> tuple[str, int]:
+def _fault(setup: Setup, m: Memory, measurement: Measurement, i: int) -> tuple[str, int]:
     """What is wrong with sensor i, and for how many readings it has been."""
     channel = m.channels[i]
     if measurement.invalid_run[i] >= OPEN_RUN:
         return "sensor_open", measurement.invalid_run[i]
-    if measurement.readings > 0 and channel.is_stuck(measurement, i):
+    is_wet = measurement.level_V[i] > setup.empty_V
+    if measurement.readings > 0 and is_wet and channel.is_stuck(measurement, i):
         return "sensor_stuck", measurement.repeats[i] + 1
     if channel.is_garbage():
         return "sensor_garbage", channel.noisy_periods * measurement.readings
@@ -67,6 +68,7 @@ def _noise(m: Memory, i: int) -> list[Alarm]:
         channel.accept_noise()
     elif i in m.noisy and channel.is_calm():
         number = m.noisy.pop(i)
+        channel.forgive()
         name = f"sensor_noise {i + 1}"
         return [Alarm(m.t_s, "sensor_noise", i + 1, 0.0, nan, m.t_s, m.t_s, (name,), number, True)]
     else:

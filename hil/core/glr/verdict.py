@@ -9,6 +9,9 @@ from hil.core.glr.memory import Declared, Memory, Probation, Setup, Suspicion
 from hil.core.glr.process import BIAS, DRIFT, GAIN, LAG, LEAK, OUTLET, PUMP, SPLIT, Array
 from hil.core.types import UNRESOLVED, Alarm, Pair
 
+STUCK_MOVED = 0.15
+"""A pump is called stuck only when its voltage has moved by this share and its flow has not."""
+
 RECOVERED_STDS = 3.0
 RECOVERED_PUMP = 0.03
 """A pump is back when its effectiveness is this close to 1."""
@@ -50,8 +53,8 @@ def unresolved(m: Memory, suspicion: Suspicion, numbers: list[int]) -> Alarm:
         for j in PUMPS if number == BOTH else (number,):
             state = JUMPS[j].state
             size = m.replays.x[number, state] - m.replays.before[number, state]
-            if m.replays.seen[number] < m.now and m.slot[j] >= 0:
-                size = m.bank.match[j, m.slot[j]]
+            if m.slot[number] >= 0 and m.ratio[number] > 0.0:
+                size = m.bank.match[j, m.slot[number]]
             kind = JUMPS[j].rises if size > 0.0 else JUMPS[j].falls
             if kind:
                 names[f"{kind} {JUMPS[j].target}"] = None
@@ -79,7 +82,8 @@ def watch_probation(setup: Setup, m: Memory, log_likelihood: float, stuck_likeli
     p.evidence += stuck_likelihood - log_likelihood
     if m.t_s > p.until_s:
         m.probation = None
-    if p.evidence < 2.0 * setup.tuning.margin:
+    moved = abs(float(m.entry[p.pump]) - p.voltage_V) / p.voltage_V
+    if p.evidence < setup.tuning.detect or moved < STUCK_MOVED:
         return []
     m.probation = None
     fault = m.declared[p.pump]
