@@ -18,6 +18,7 @@ STUCK_ODDS = 1e11
 LONGEST_RUN = 100
 """If a sound sensor may well repeat itself so often, the test says nothing."""
 
+SHORT_RUN = 8
 OPEN_RUN = 3
 PRIOR_READINGS = 40.0
 MEMORY_READINGS = 3000.0
@@ -72,8 +73,10 @@ class Channel:
 
     def is_stuck(self, measurement: Measurement, index: int) -> bool:
         """Whether the run of equal readings is too long for chance."""
+        if measurement.repeats[index] < SHORT_RUN:
+            return False
         share = min(max(self.repeat_share, 0.05), 0.95)
-        run = max(ceil(-log(STUCK_ODDS) / log(share)), OPEN_RUN)
+        run = max(ceil(-log(STUCK_ODDS) / log(share)), SHORT_RUN)
         return run <= LONGEST_RUN and measurement.repeats[index] >= run
 
     def is_noisy(self) -> bool:

@@ -7,7 +7,7 @@ settled    the winner's filter becomes the filter, and watching goes on: for the
 
 from __future__ import annotations
 
-from math import exp, isfinite, nan
+from math import isfinite, nan
 from typing import Any
 
 import numpy as np
@@ -23,10 +23,6 @@ from hil.core.tanks import TankModel
 from hil.core.types import Alarm, Diagnosis, Measurement, Pair
 
 ALL = (True, True, True, True)
-LARGEST_SURPRISE = 9.0
-"""A single innovation counts for no more than three standard deviations where noise is learned."""
-
-LARGEST_SCALE = 25.0
 LARGEST_SHOCK = 30.0
 """One step's mean square innovation counts for no more than this in the divergence test: a jump is a fault's affair."""
 
@@ -74,19 +70,19 @@ class GlrDetector:
         dt = t_s - m.t_s
         m.now += 1
         m.t_s = m.times_s[m.now % RING] = t_s
-        entry, n = m.entry, measurement.readings
-        entry[0:2] = applied_V
-        floor_V2 = self._setup.tuning.reading_floor_V**2
+        n, level_V, usable = measurement.readings, measurement.level_V, m.usable
+        floor_V2, empty_V = self._setup.tuning.reading_floor_V**2, self._setup.empty_V
+        scale = m.scale.tolist()
+        levels, variances = [nan] * 4, [1.0] * 4
         for i, channel in enumerate(m.channels):
-            is_wet = measurement.level_V[i] > self._setup.empty_V
+            is_wet = level_V[i] > empty_V
             if is_wet:
                 channel.learn(measurement, i)
-            is_there = n > 0 and m.usable[i] and measurement.valid[i] and is_wet
-            entry[2 + i] = measurement.level_V[i] if is_there else nan
-            entry[6 + i] = m.scale[i] * (channel.current_variance / max(n, 1) + floor_V2)
+                if n > 0 and usable[i] and measurement.valid[i]:
+                    levels[i] = level_V[i]
+            variances[i] = scale[i] * (channel.current_variance / max(n, 1) + floor_V2)
         mean_age_s = measurement.age_s + 0.5 * dt * (n - 1) / n if n > 0 else 0.0
-        entry[10] = dt
-        entry[11] = min(max(1.0 - mean_age_s / dt, 0.0), 1.0)
+        m.entry[:] = (*applied_V, *levels, *variances, dt, min(max(1.0 - mean_age_s / dt, 0.0), 1.0))
 
     def _filter(self, m: Memory) -> list[Alarm]:
         """One step of filter and bank."""
@@ -118,18 +114,11 @@ class GlrDetector:
     def _learn_noise(self, m: Memory) -> None:
         """Believe in more noise where innovations are larger than expected, but not while a fault may be why."""
         tuning = self._setup.tuning
-        total, count = 0.0, 0
-        is_calm = m.statistic < tuning.calm
-        for i in range(4):
-            if isfinite(m.entry[2 + i]):
-                white = sum(m.white[i, j] * m.innovation[j] for j in range(i + 1))
-                square = float(white * white)
-                total, count = total + square, count + 1
-                if is_calm:
-                    factor = exp(tuning.scale_pace * (min(square, LARGEST_SURPRISE) - 1.0))
-                    m.scale[i] = min(max(m.scale[i] * factor, 1.0), LARGEST_SCALE)
-        if count:
-            m.surprise += min(m.entry[10] / tuning.diverged_s, 1.0) * (min(total / count, LARGEST_SHOCK) - m.surprise)
+        pace = tuning.scale_pace if m.statistic < tuning.calm else 0.0
+        square = process.learn_scale(m.entry, m.white, m.innovation, m.scale, pace)
+        if square >= 0.0:
+            share = min(float(m.entry[10]) / tuning.diverged_s, 1.0)
+            m.surprise += share * (min(square, LARGEST_SHOCK) - m.surprise)
 
     def _diagnosis(self, m: Memory, alarms: list[Alarm]) -> Diagnosis:
         gain = float(self._setup.c[13])

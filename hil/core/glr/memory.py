@@ -100,7 +100,7 @@ class Memory:
     K: Array = field(default_factory=lambda: np.zeros((N, 4)))
     white: Array = field(default_factory=lambda: np.zeros((4, 4)))
     innovation: Array = field(default_factory=lambda: np.zeros(4))
-    scale: list[float] = field(default_factory=lambda: [1.0] * 4)
+    scale: Array = field(default_factory=lambda: np.ones(4))
     ratio: Array = field(default_factory=lambda: np.zeros(H + 1))
     slot: Ints = field(default_factory=lambda: np.zeros(H + 1, dtype=np.int64))
     statistic: float = 0.0
@@ -161,6 +161,8 @@ class Memory:
 
     def least_jumps(self) -> tuple[Array, Array]:
         """(H,) the smallest jumps up and down that count; what has been declared may also go back."""
+        if not self.declared:
+            return LEAST_RISE, LEAST_FALL
         rise, fall = LEAST_RISE.copy(), LEAST_FALL.copy()
         for j, fault in self.declared.items():
             rise[j], fall[j] = JUMPS[j].least_rise, JUMPS[j].least_fall

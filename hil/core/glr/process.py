@@ -38,6 +38,9 @@ MOVING = 6
 NO_READING_V2 = 1e6
 """Variance of a reading that isn't there."""
 
+LARGEST_SQUARE, LARGEST_SCALE = 9.0, 25.0
+"""One innovation counts for no more than three standard deviations where noise is learned; how much it may learn."""
+
 SHALLOW_CM = 0.05
 """Below this level sqrt(h) is not linearised any more."""
 
@@ -295,3 +298,20 @@ def _whitener(S: Array, white: Array) -> None:
             for m in range(j, i):
                 value -= L[i, m] * white[m, j]
             white[i, j] = value / L[i, i]
+
+
+@compiled
+def learn_scale(entry: Array, white: Array, innovation: Array, scale: Array, pace: float) -> float:
+    """Mean square of the whitened innovations, -1 without readings; scale (4,) follows each where it exceeds 1."""
+    total, count = 0.0, 0
+    for i in range(4):
+        if np.isfinite(entry[2 + i]):
+            value = 0.0
+            for j in range(i + 1):
+                value += white[i, j] * innovation[j]
+            square = value * value
+            total += square
+            count += 1
+            grown = scale[i] * np.exp(pace * (min(square, LARGEST_SQUARE) - 1.0))
+            scale[i] = min(max(grown, 1.0), LARGEST_SCALE)
+    return total / count if count > 0 else -1.0
