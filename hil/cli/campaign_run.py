@@ -19,10 +19,12 @@ from hil.campaign.observer import Observer
 from hil.campaign.outcome import Rest
 from hil.campaign.row import Row, Took
 from hil.campaign.toml_text import toml_text
-from hil.cli.build import Bench, controller_config, load_contract
+from hil.cli.build import Bench, controller_config, load_contract, reference_schedule
+from hil.core.tanks import holding_voltages
+from hil.core.types import Pair
 from hil.edge.bus import BusPort
 from hil.edge.pair_bus import pair
-from hil.edge.rig_file import load_rig
+from hil.edge.rig_file import Rig, load_rig
 from hil.edge.run_folder import Window
 from hil.edge.scenario_file import Scenario
 from hil.edge.settings import SettingsError, validated
@@ -32,15 +34,12 @@ from hil.wire.contract import Contract
 REST_NS = 500_000_000
 """How long the emulator goes on alone after a run, so that what it comes to rest at can be seen."""
 
-information_bound: outcome.Bound | None = None
-"""Detection delay in s below which nobody gets, for a case; None: not known."""
-
 
 def run_case(case: Case, config_dir: Path, bound_s: outcome.Bound | None = None) -> Row:
     """Run a case in lockstep, without a record. What a run raises becomes its row: the others go on."""
     started = Took.now()
     try:
-        return _run(case, config_dir, bound_s or information_bound, started)
+        return _run(case, config_dir, bound_s, started)
     except Exception as error:  # noqa: BLE001 - a case must not take the campaign down; its row says that it crashed
         return outcome.crash(case, error, Took.since(started))
 
@@ -75,8 +74,47 @@ def _run(case: Case, config_dir: Path, bound_s: outcome.Bound | None, started: T
     emulator.advance(emulator.now_ns + REST_NS)
     rest = Rest(emulator.truth().spilled_cm3, emulator.pump.applied_V)
     return outcome.evaluate(
-        case, _figures(bench), observer.result(), ending, rest, took=Took.since(started), bound_s=bound_s
+        case,
+        _figures(bench),
+        observer.result(),
+        ending,
+        rest,
+        took=Took.since(started),
+        bound_s=bound_s or (lambda _: information_bound(bench, truth.nodes.levels_period_s)),
     )
+
+
+def information_bound(bench: Bench, reading_s: float) -> float | None:
+    """Seconds that any detector needs for the scenario's faults; None when they aren't one jump that begins at once.
+
+    The pumps are taken to hold the reference that is in force when the fault begins.
+    """
+    faults = bench.scenario.fault
+    onsets = {fault.at_s for fault in faults}
+    if bench.scenario.diagnosis.method != "glr" or len(onsets) != 1:
+        return None
+    from hil.core.glr.bound import jumps_of_fault
+
+    model, jumps = bench.rig.tank_model, {}
+    for fault in faults:
+        if not isinstance(fault.target, int):
+            return None
+        jumps |= jumps_of_fault(fault.kind, fault.target, fault.value, model)
+    if len(jumps) != len(faults):
+        return None
+    onset_s = onsets.pop()
+    levels_V = [at for at in reference_schedule(bench.scenario, bench.rig, "") if at[0] <= onset_s][-1][1]
+    k = model.level_gain_V_cm
+    holding_V = holding_voltages(model, (levels_V[0] / k, levels_V[1] / k))
+    return _bound(bench.rig, reading_s, tuple(sorted(jumps.items())), holding_V)
+
+
+@lru_cache(maxsize=256)
+def _bound(rig: Rig, reading_s: float, jumps: tuple[tuple[int, float], ...], holding_V: Pair) -> float | None:
+    from hil.core.glr.bound import detection_bound_s
+
+    period_s, noise_V = rig.control.period_s, rig.sensors.noise_V
+    return detection_bound_s(rig.tank_model, rig.pumps.lag_s, noise_V, dict(jumps), holding_V, period_s, reading_s)
 
 
 def _figures(bench: Bench) -> outcome.Bench:
