@@ -95,7 +95,8 @@ def information_bound(bench: Bench, reading_s: float) -> float | None:
         return None
     from hil.core.glr.bound import jumps_of_fault
 
-    model, jumps = bench.rig.tank_model, {}
+    model = bench.rig.tank_model
+    jumps: dict[int, float] = {}
     for fault in faults:
         if not isinstance(fault.target, int):
             return None

@@ -99,6 +99,8 @@ class Measurement:
     age_s : age of the oldest of the newest readings; inf before the first.
     readings : how many came since the last step (the smaller of the two frames), valid or not.
     variance_V2 : of the valid ones about their mean, per channel; NaN for fewer than two.
+    jitter_V2 : half the mean square of their steps from one to the next, the largest step left out: little for a sensor
+    that jumps once, much for a noisy one; NaN for fewer than two.
     repeats : how many readings in a row, up to the newest, had the newest one's value (the newest left out).
     invalid_run : how many readings in a row, up to the newest, were not valid.
     """
@@ -108,6 +110,7 @@ class Measurement:
     age_s: float
     readings: int
     variance_V2: Quad = (nan, nan, nan, nan)
+    jitter_V2: Quad = (nan, nan, nan, nan)
     repeats: tuple[int, int, int, int] = (0, 0, 0, 0)
     invalid_run: tuple[int, int, int, int] = (0, 0, 0, 0)
 

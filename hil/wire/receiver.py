@@ -24,7 +24,8 @@ MOST_ERRORS = 1000
 class LevelPair:
     """What one level frame has brought: the newest readings, runs up to them, and sums since the last step.
 
-    The sums are of valid readings only.
+    The sums are of valid readings only. moved_V2, jumped_V2 : sum and greatest of the squared differences between
+    readings that followed one another.
     """
 
     names: tuple[str, str, str, str]
@@ -35,6 +36,8 @@ class LevelPair:
     sum_V2: Pair = (0.0, 0.0)
     frames: int = 0
     counts: tuple[int, int] = (0, 0)
+    moved_V2: Pair = (0.0, 0.0)
+    jumped_V2: Pair = (0.0, 0.0)
     repeats: tuple[int, int] = (0, 0)
     invalid_run: tuple[int, int] = (1, 1)
 
@@ -50,6 +53,10 @@ class LevelPair:
             0 if values[status2] == CHANNEL_OK and low <= b <= high else bad_b + 1,
         )
         self.newest_V = (a, b)
+        da, db = (a - last_a) ** 2, (b - last_b) ** 2
+        (sum_a, sum_b), (top_a, top_b) = self.moved_V2, self.jumped_V2
+        self.moved_V2 = (sum_a + da, sum_b + db)
+        self.jumped_V2 = (da if da > top_a else top_a, db if db > top_b else top_b)
         self.frames += 1
         self.received_ns = received_ns
         if self.invalid_run != (0, 0):
@@ -63,13 +70,21 @@ class LevelPair:
         self.sum_V2 = (self.sum_V2[0] + a * a, self.sum_V2[1] + b * b)
         self.counts = (self.counts[0] + first, self.counts[1] + second)
 
-    def mean_and_variance(self) -> tuple[Pair, Pair]:
-        """Of the valid readings since the last call; the newest reading when there were none. Begins anew."""
+    def summary(self) -> tuple[Pair, Pair, Pair]:
+        """Mean and variance of the valid readings since the last call, and their jitter. Begins anew.
+
+        The mean is the newest reading when there were none; variance and jitter are NaN when there were too few.
+        """
         (m1, s1), (m2, s2) = (self._channel(0), self._channel(1))
-        self.sum_V = self.sum_V2 = (0.0, 0.0)
+        n = self.frames
+        jitter = UNKNOWN
+        if n > 1:
+            (sum1, sum2), (top1, top2) = self.moved_V2, self.jumped_V2
+            jitter = ((sum1 - top1) / (2 * n - 2), (sum2 - top2) / (2 * n - 2))
+        self.sum_V = self.sum_V2 = self.moved_V2 = self.jumped_V2 = (0.0, 0.0)
         self.frames = 0
         self.counts = (0, 0)
-        return (m1, m2), (s1, s2)
+        return (m1, m2), (s1, s2), jitter
 
     def _channel(self, which: int) -> tuple[float, float]:
         """Mean in V and variance in V^2 of one channel."""
@@ -175,8 +190,8 @@ class Receiver:
         """The levels for the step at now_ns; begins a new mean."""
         lower, upper = self._lower, self._upper
         readings = min(lower.frames, upper.frames)
-        (y1, y2), (s1, s2) = lower.mean_and_variance()
-        (y3, y4), (s3, s4) = upper.mean_and_variance()
+        (y1, y2), (s1, s2), (j1, j2) = lower.summary()
+        (y3, y4), (s3, s4), (j3, j4) = upper.summary()
         (bad1, bad2), (bad3, bad4) = lower.invalid_run, upper.invalid_run
         return Measurement(
             (y1, y2, y3, y4),
@@ -184,6 +199,7 @@ class Receiver:
             _age_s(now_ns, lower, upper),
             readings,
             (s1, s2, s3, s4),
+            (j1, j2, j3, j4),
             (*lower.repeats, *upper.repeats),
             (bad1, bad2, bad3, bad4),
         )

@@ -4,7 +4,7 @@ Stuck: the same code again and again. How often a sound sensor repeats itself de
 converter's steps, so that share is learned; a run is called stuck when a sound sensor would show it less than once
 in STUCK_ODDS readings. A sensor without noise repeats itself all the time and can't be judged this way.
 Open: readings that are out of range or disowned by the node, OPEN_RUN in a row.
-Noisy: the variance of the readings within a control period, far above what was learned.
+Noisy: the jitter of the readings within a control period, far above the variance that was learned.
 """
 
 from __future__ import annotations
@@ -23,8 +23,14 @@ OPEN_RUN = 3
 PRIOR_READINGS = 40.0
 MEMORY_READINGS = 3000.0
 NOISY_MEMORY_READINGS = 100.0
-NOISY_RATIO = 9.0
-"""A period's variance so many times the learned one is out of the ordinary for a handful of readings."""
+NOISY_JITTER = 5.0
+"""A period's jitter so many times the learned variance is out of the ordinary for a handful of readings."""
+
+JITTER_TO_VARIANCE = 1.7
+"""The largest step that jitter leaves out, made up for (five readings of white noise)."""
+
+JUMPY_RATIO = 12.0
+"""A period with a jump in it, so large a variance, is not learned from."""
 
 NOISY_PERIODS = 3
 CALM_RATIO = 2.0
@@ -39,7 +45,7 @@ class Channel:
 
     variance_V2 : of one reading, as learned. repeat_share : how often a reading equals the one before. noisy_periods :
     how many in a row were out of the ordinary. loud_V2 : mean variance of those. sound_V2 : the variance before the
-    sensor was called noisy, 0 while it isn't. newest_V2 : of the last period's readings.
+    sensor was called noisy, 0 while it isn't. newest_V2 : of the last period that was.
     """
 
     variance_V2: float
@@ -55,21 +61,23 @@ class Channel:
         """Variance of one reading of the last period: what was learned, unless the period is out of the ordinary."""
         return max(self.variance_V2, self.newest_V2) if self.noisy_periods else self.variance_V2
 
-    def learn(self, measurement: Measurement, index: int) -> None:
-        """Take in one control period's readings."""
-        variance, n = measurement.variance_V2[index], measurement.readings
-        if not isfinite(variance) or n < 2 or not measurement.valid[index]:
+    def learn(self, measurement: Measurement, index: int, *, is_used: bool) -> None:
+        """Take in one control period's readings; what a sound sensor is like is learned only from one that is used."""
+        variance, jitter, n = measurement.variance_V2[index], measurement.jitter_V2[index], measurement.readings
+        if not isfinite(variance) or n < 2:
             return
-        self.newest_V2 = variance
-        if variance > NOISY_RATIO * max(self.variance_V2, LEAST_VARIANCE_V2):
+        sound_V2 = max(self.variance_V2, LEAST_VARIANCE_V2)
+        if jitter > NOISY_JITTER * sound_V2:
             self.noisy_periods += 1
-            self.loud_V2 += (variance - self.loud_V2) / self.noisy_periods
+            self.newest_V2 = JITTER_TO_VARIANCE * jitter
+            self.loud_V2 += (self.newest_V2 - self.loud_V2) / self.noisy_periods
             return
         self.noisy_periods = 0
-        self.weight = min(self.weight + n - 1, NOISY_MEMORY_READINGS if self.sound_V2 else MEMORY_READINGS)
-        share = (n - 1) / self.weight
-        self.variance_V2 += share * (variance - self.variance_V2)
-        self.repeat_share += ((measurement.repeats[index] > 0) - self.repeat_share) * share
+        if is_used and variance < JUMPY_RATIO * sound_V2:
+            self.weight = min(self.weight + n - 1, NOISY_MEMORY_READINGS if self.sound_V2 else MEMORY_READINGS)
+            share = (n - 1) / self.weight
+            self.variance_V2 += share * (variance - self.variance_V2)
+            self.repeat_share += ((measurement.repeats[index] > 0) - self.repeat_share) * share
 
     def is_stuck(self, measurement: Measurement, index: int) -> bool:
         """Whether the run of equal readings is too long for chance."""

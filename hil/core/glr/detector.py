@@ -77,7 +77,7 @@ class GlrDetector:
         for i, channel in enumerate(m.channels):
             is_wet = level_V[i] > empty_V
             if is_wet:
-                channel.learn(measurement, i)
+                channel.learn(measurement, i, is_used=usable[i])
                 if n > 0 and usable[i] and measurement.valid[i]:
                     levels[i] = level_V[i]
             variances[i] = scale[i] * (channel.current_variance / max(n, 1) + floor_V2)
@@ -142,7 +142,7 @@ class GlrDetector:
 
     def _warm_up(self) -> None:
         """Run every compiled function once, so that nothing is compiled while pumps move."""
-        reading = Measurement((5.0, 5.0, 1.0, 1.0), ALL, 0.0, 5, (1e-5, 1e-5, 1e-5, 1e-5))
+        reading = Measurement((5.0, 5.0, 1.0, 1.0), ALL, 0.0, 5, (1e-5, 1e-5, 1e-5, 1e-5), (5e-6, 5e-6, 5e-6, 5e-6))
         m = Memory.begin(self._setup, 0.0, reading, (0.0, 0.0))
         for number in range(1, 4):
             self._note(m, 0.1 * number, reading, (3.0, 3.0))
