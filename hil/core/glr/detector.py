@@ -60,7 +60,7 @@ class GlrDetector:
         if m.lost:
             alarms += sensors.readmit(setup, m, measurement)
         if m.suspicion is None and m.statistic >= setup.tuning.detect and t_s >= setup.tuning.settle_s:
-            isolation.suspect(setup, m)
+            isolation.suspect(m)
         if m.suspicion is not None:
             alarms += isolation.isolate(setup, m, m.suspicion)
         return m, self._diagnosis(m, alarms)
@@ -147,6 +147,6 @@ class GlrDetector:
         for number in range(1, 4):
             self._note(m, 0.1 * number, reading, (3.0, 3.0))
             self._filter(m)
-        isolation.suspect(self._setup, m)
+        isolation.suspect(m)
         if m.suspicion is not None:
             isolation.isolate(self._setup, m, m.suspicion)

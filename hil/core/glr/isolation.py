@@ -12,20 +12,26 @@ from hil.core.glr.memory import Memory, Setup, Suspicion
 from hil.core.glr.process import BIAS, DRIFT, Array
 from hil.core.types import Alarm
 
+FAR_BEHIND = 0.5
+"""A hypothesis with less than this share of the leader's ratio has no onset worth its own replay."""
+
 
 def jumps_of(number: int) -> tuple[int, ...]:
     """The places in JUMPS that a hypothesis is about."""
     return PUMPS if number == BOTH else (number,)
 
 
-def suspect(setup: Setup, m: Memory) -> None:
-    """Raise an alarm: put one filter a hypothesis at the onset that the bank finds likeliest for it."""
-    del setup
+def suspect(m: Memory) -> None:
+    """Raise an alarm: put one filter a hypothesis at the onset that the bank finds likeliest for it.
+
+    Hypotheses that lag far behind begin at the leader's onset: theirs may be long ago, and long replays cost time.
+    """
     m.alarms += 1
     m.suspicion = Suspicion(m.alarms, m.t_s)
     leader = int(np.argmax(m.ratio))
     for number in range(H + 1):
-        slot = int(m.slot[number]) if m.slot[number] >= 0 else int(m.slot[leader])
+        own = m.slot[number] >= 0 and m.ratio[number] >= FAR_BEHIND * m.statistic
+        slot = int(m.slot[number if own else leader])
         _begin(m, number, number, slot)
 
 
