@@ -112,17 +112,26 @@ class ControlLoop:
     def tick(self, now_ns: int, timing: Timing, stop_reason: str = "") -> None:
         """Step, encode, write, record. `outcome` is set once the run is over and the pumps are known to be off."""
         inputs = self._inputs(now_ns, timing, bool(stop_reason))
+        yields = self._yields()
         try:
             self._state, output = controller.step(self._config, self._state, inputs, now_ns)
-            data = self._sender.encode(self._with_clearing(output, inputs), now_ns)
+            data = b"" if yields else self._sender.encode(self._with_clearing(output, inputs), now_ns)
         except Exception as error:  # noqa: BLE001 - whatever a step raises, this tick sends 0 V
             text = f"{type(error).__name__}: {error}"
             self._state, output = controller.fail(self._state, TripCause.CONTROLLER_FAILED, text)
-            data = self._sender.encode(output.command, now_ns)
-        self._send(data, now_ns)
+            data = b"" if yields else self._sender.encode(output.command, now_ns)
+        if data:
+            self._send(data, now_ns)
         self._record(output)
         self._show(inputs, output)
         self._settle(inputs, now_ns, stop_reason)
+
+    def _yields(self) -> bool:
+        """Whether somebody else's commands have tripped us: the trip's 0 V was the last word.
+
+        Two controllers that go on sending 0 V to shout each other down would feed the node's watchdog for ever.
+        """
+        return self._state.supervision.cause is TripCause.FOREIGN_COMMAND
 
     def make_safe(self, now_ns: int) -> None:
         """Send 0 V, disabled, whatever has happened before. The last word of every way out."""

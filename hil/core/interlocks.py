@@ -20,6 +20,9 @@ from hil.core.types import Diagnosis, Inputs, NodeState, Pair, Quad, TripCause
 ALL = (True, True, True, True)
 SOUND = Diagnosis()
 
+LOSSY_PATIENCE = 3.0
+"""On a bus that loses frames a heartbeat may be so many times older: at 5 % two in a row are lost every minute."""
+
 
 @dataclass(frozen=True, slots=True)
 class Limits:
@@ -208,7 +211,9 @@ INTERLOCKS: tuple[Interlock, ...] = (
     ),
     Interlock(
         TripCause.NODE_LOST,
-        lambda m, s: s.inputs.nodes.age_s > m.heartbeat_age_max_s,
+        lambda m, s: (
+            s.inputs.nodes.age_s > m.heartbeat_age_max_s * (LOSSY_PATIENCE if s.inputs.nodes.is_lossy else 1.0)
+        ),
         "a node's heartbeat is too old",
     ),
     Interlock(

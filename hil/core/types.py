@@ -134,11 +134,15 @@ class PumpFeedback:
 
 @dataclass(frozen=True, slots=True)
 class NodeHealth:
-    """What the heartbeats say: the age of the older one, whether any node booted anew, and whose DBC they hold."""
+    """What the heartbeats say: the age of the older one, whether any node booted anew, and whose DBC they hold.
+
+    is_lossy : whether counters have shown other frames to be missing of late, so that heartbeats may well be, too.
+    """
 
     age_s: float
     rebooted: bool
     contract_matches: bool
+    is_lossy: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,8 @@ from hil.wire.contract import Contract, Decoded
 CHANNEL_OK = 0
 UNKNOWN = (nan, nan)
 SECOND_NS = 1_000_000_000
+LOSSY_NS = 2 * SECOND_NS
+"""A bus that lost a frame is taken to be lossy for so long: of 5 % lost it hardly ever is not."""
 MOST_ERRORS = 1000
 """Error frames within a second are counted up to this many."""
 
@@ -132,6 +134,8 @@ class Receiver:
         self._routes = {check.spec.frame_id: (check, take[check.spec.name]) for check in self._checks}
         self._worst_run = 0
         self._errors_ns: deque[int] = deque(maxlen=MOST_ERRORS)
+        self._lost_before = 0
+        self._lossy_until_ns = -1
         self.rejections: Counter[Rejection] = Counter()
         self.accepted = 0
         self.foreign_commands = 0
@@ -213,8 +217,15 @@ class Receiver:
     def nodes(self, now_ns: int) -> NodeHealth:
         """What the heartbeats say of both nodes."""
         pump, level = self._pump_beat, self._level_beat
-        rebooted = pump.rebooted or level.rebooted
-        return NodeHealth(_age_s(now_ns, pump, level), rebooted, pump.contract_matches and level.contract_matches)
+        lost = self.lost
+        if lost != self._lost_before:
+            self._lost_before, self._lossy_until_ns = lost, now_ns + LOSSY_NS
+        return NodeHealth(
+            _age_s(now_ns, pump, level),
+            pump.rebooted or level.rebooted,
+            pump.contract_matches and level.contract_matches,
+            now_ns <= self._lossy_until_ns,
+        )
 
     def bus(self, now_ns: int, send_failures: int, is_up: bool, last_error: str = "") -> BusHealth:
         """Counters so far, and what was bad since the last call."""
