@@ -17,9 +17,10 @@ $(READY): requirements.lock pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	$(BIN)/python -m hil.core.glr
 	@touch $@
 
-demo: $(READY)   ## the paper's experiment over the virtual CAN bus, table 3 beside the paper's
+demo: $(READY)   ## the paper's experiment, table 3 beside the paper's, and its fault with nobody to tell
 	@$(BIN)/hil demo
 
 test: lint unit  ## all checks and tests
@@ -43,3 +44,4 @@ lock: $(READY)   ## pin anew what pyproject.toml asks for (needs uv)
 
 clean:           ## remove what can be made again
 	rm -rf $(VENV) dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis
+	find hil -name '*.nb[ci]' -delete

@@ -1,86 +1,116 @@
-"""`hil demo`: the paper's experiment four times over the virtual bus, and its table 3 beside the paper's numbers."""
+"""`hil demo`: the paper's experiment over the virtual bus, and its fault once more with nobody to tell of it."""
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 import os
+from collections.abc import Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
 
-from hil.cli import build, experiment
+from hil.campaign.cases import Case
+from hil.cli import build, demo_tables, experiment
+from hil.cli.campaign_run import run_case
+from hil.cli.demo_tables import Figures
 from hil.edge.run_folder import RunFolder, RunFolderError
-from hil.edge.settings import default_config_dir
-from hil.review import table3
+from hil.edge.scenario_file import Scenario
+from hil.edge.settings import default_config_dir, merged, read_toml, validated
 from hil.review.kpi import Kpi
 from hil.review.report import write_report
 
-SCENARIOS = ("paper_quick", "paper")
-LEGEND = (
-    "ideal: the paper's gain on its ideal plant, control period 50 ms.",
-    "rig: decoupled outputs, 0.1 s, on a rig with pump lag, noise and 12 bit.",
-    "Every level and every command went through CAN frames on a virtual bus.",
-)
-STRATEGIES = {"kept": False, "reconfigured": True}
+KEPT: dict[str, Any] = {"diagnosis": {"method": "none"}, "control": {"reconfigure": False}}
+TOLD: dict[str, Any] = {"diagnosis": {"method": "ideal", "delay_s": 1.0}}
+FOUND: dict[str, Any] = {"diagnosis": {"method": "glr"}}
+SHORT: dict[str, Any] = {"scenario": {"duration_s": 350.0}}
+"""Up to the end of the window that the fault lies in."""
+
+RIGS = (1, 2, 3)
+"""Seeds. Each draws a rig of its own, and its noise."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """One run of the demonstration, for a worker process."""
+    """One run of the demonstration, for a worker process.
+
+    changes : laid over the scenario. record : the folder it leaves; without one nothing is recorded.
+    """
 
     scenario_path: Path
     config_dir: Path
-    out: Path
-    reconfigure: bool
-    rerun: bool
+    changes: Mapping[str, Any]
+    seed: int = 1
+    record: Path | None = None
+
+    @property
+    def story(self) -> dict[str, Any]:
+        """The scenario as a dict, changes and all."""
+        return merged(read_toml(self.scenario_path), dict(self.changes))
 
 
 def run(console: Console, out: Path, config_dir: Path | None) -> None:
-    """Four runs on two cores, then the table and where to look. Raises SettingsError, RunFolderError."""
+    """All runs over the cores, then the tables and where to look. Raises SettingsError, RunFolderError."""
     config = config_dir or default_config_dir()
     folder = out / f"{datetime.now():%Y%m%d-%H%M%S}_demo"
-    jobs = {
-        f"{scenario}_{strategy}": Job(
-            config / "scenarios" / f"{scenario}.toml",
-            config,
-            folder / f"{scenario}_{strategy}",
-            reconfigure,
-            rerun=scenario == "paper",
-        )
-        for scenario in SCENARIOS
-        for strategy, reconfigure in STRATEGIES.items()
-    }
-    for job in jobs.values():
-        build.load(job.scenario_path, config)  # bad input shows here, in one line, and not in a worker
+    jobs = _jobs(config, folder)
+    for path in {job.scenario_path for job in jobs.values()}:
+        build.load(path, config)  # bad input shows here, in one line, and not in a worker
     try:
         folder.mkdir(parents=True)
     except OSError as error:
         raise RunFolderError(f"cannot make {folder}: {error.strerror}") from None
     figures = _run_all(console, jobs)
-    console.print(_table(figures))
-    for line in LEGEND:
+    for line in demo_tables.both(figures, RIGS):
         console.print(line, highlight=False)
-    kept, reconfigured = (RunFolder.open(jobs[f"paper_{strategy}"].out) for strategy in STRATEGIES)
-    report = write_report(reconfigured, kept)
+    found, kept = (RunFolder.open(folder / name) for name in ("found", "kept"))
+    report = write_report(found, kept)
     console.print(f"Report:    {report}", soft_wrap=True, highlight=False)
-    console.print(
-        f"Recording: {reconfigured.rrd_path}  (hil view {reconfigured.path})", soft_wrap=True, highlight=False
-    )
+    console.print(f"Recording: {found.rrd_path}  (hil view {found.path})", soft_wrap=True, highlight=False)
 
 
-def _work(job: Job) -> Kpi:
+def _jobs(config: Path, folder: Path) -> dict[str, Job]:
+    """The runs by the names that the tables know them by, the long ones first."""
+    quick, rig, one = (config / f"scenarios/{name}.toml" for name in ("paper_quick", "paper_glr", "pump_loss"))
+    return {
+        "ideal kept": Job(quick, config, KEPT),
+        "ideal told": Job(quick, config, TOLD),
+        "both recorded": Job(rig, config, FOUND, record=folder / "found"),
+        "both kept": Job(rig, config, KEPT, record=folder / "kept"),
+        "both told": Job(rig, config, TOLD),
+        **{f"both found {seed}": Job(rig, config, FOUND | SHORT, seed) for seed in RIGS},
+        "one kept": Job(one, config, KEPT | SHORT),
+        "one told": Job(one, config, TOLD | SHORT),
+        **{f"one found {seed}": Job(one, config, FOUND | SHORT, seed) for seed in RIGS},
+    }
+
+
+def _work(job: Job) -> Figures:
+    return _unrecorded(job) if job.record is None else _recorded(job, job.record)
+
+
+def _recorded(job: Job, record: Path) -> Figures:
     bench = build.load(job.scenario_path, job.config_dir)
-    choice = bench.scenario.control.model_copy(update={"reconfigure": job.reconfigure})
-    bench = replace(bench, scenario=bench.scenario.model_copy(update={"control": choice}))
-    return experiment.simulate(bench, experiment.Options(job.out, rerun=job.rerun))
+    bench = replace(bench, scenario=validated(Scenario, job.story, str(job.scenario_path)))
+    kpi: Kpi = experiment.simulate(bench, experiment.Options(record, job.seed))
+    return Figures(kpi.iae_Vs)
 
 
-def _run_all(console: Console, jobs: dict[str, Job]) -> dict[str, Kpi]:
+def _unrecorded(job: Job) -> Figures:
+    name = job.scenario_path.stem
+    row = run_case(Case(name, name, name, job.seed, job.story), job.config_dir, lambda _: None)
+    if row.crashed:
+        raise RuntimeError(f"{name}, seed {job.seed}: {row.reason}")
+    windows = {name: (iae[0], iae[1]) for name, iae in json.loads(row.iae_windows_json).items()}
+    return Figures(windows, row.detection_s, row.isolation_s, row.size_error_1s)
+
+
+def _run_all(console: Console, jobs: dict[str, Job]) -> dict[str, Figures]:
     """All runs, over as many processes as there are cores."""
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     context = multiprocessing.get_context("spawn")
@@ -89,35 +119,8 @@ def _run_all(console: Console, jobs: dict[str, Job]) -> dict[str, Kpi]:
         ProcessPoolExecutor(workers, mp_context=context) as pool,
         Progress(*columns, console=console, transient=True) as bar,
     ):
-        task = bar.add_task("the paper's experiment, four runs of 500 s", total=len(jobs))
-        futures: dict[str, Future[Kpi]] = {name: pool.submit(_work, job) for name, job in jobs.items()}
+        task = bar.add_task(f"the paper's experiment, {len(jobs)} runs", total=len(jobs))
+        futures: dict[str, Future[Figures]] = {name: pool.submit(_work, job) for name, job in jobs.items()}
         for future in futures.values():
             future.add_done_callback(lambda _: bar.advance(task))
         return {name: future.result() for name, future in futures.items()}
-
-
-def _table(figures: dict[str, Kpi]) -> Table:
-    """Table 3 of the paper, its reproduction, and the rig's design on a realistic rig."""
-    table = Table(title="Integral of the absolute error [V s]", title_justify="left")
-    for name in ("window", "gains"):
-        table.add_column(name)
-    for name in ("output", "paper", "ideal", "off by", "rig"):
-        table.add_column(name, justify="right")
-    papers = {"kept": table3.PAPER_KEPT_VS, "reconfigured": table3.PAPER_RECONFIGURED_VS}
-    for window in table3.TITLES:
-        for strategy, paper in papers.items():
-            reproduced = figures[f"paper_quick_{strategy}"].iae_Vs[window]
-            rig = figures[f"paper_{strategy}"].iae_Vs[window]
-            for output in (0, 1):
-                theirs, ours = paper[window][output], reproduced[output]
-                table.add_row(
-                    window.replace("_", " ") if (strategy, output) == ("kept", 0) else "",
-                    strategy if output == 0 else "",
-                    str(output + 1),
-                    table3.cell(theirs),
-                    table3.cell(ours),
-                    table3.deviation(ours, theirs),
-                    table3.cell(rig[output]),
-                    end_section=(strategy, output) == ("reconfigured", 1),
-                )
-    return table

@@ -75,16 +75,6 @@ def _go_on() -> None:
     """Leave it to the system to drain a serial line."""
 
 
-class OwnFrame(can.Message):
-    """A frame that we send once and never touch again, so that the virtual bus need not copy it for its receiver."""
-
-    __slots__ = ()
-
-    def __deepcopy__(self, memo: dict[int, Any] | None) -> OwnFrame:
-        """Share instead of copying."""
-        return self
-
-
 class BusPort:
     """An open bus as the control loop sees it. `is_up` turns false when the link fails, and stays so."""
 
@@ -120,7 +110,7 @@ class BusPort:
 
     def send(self, frame_id: int, data: bytes, timestamp_s: float) -> bool:
         """Send one frame now or not at all; whether it went out."""
-        message = OwnFrame(timestamp_s, frame_id, is_extended_id=False, data=data, is_rx=False)
+        message = can.Message(timestamp_s, frame_id, is_extended_id=False, data=data, is_rx=False)
         try:
             self._require_room()
             self._bus.send(message, timeout=0)

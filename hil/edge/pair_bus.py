@@ -1,6 +1,6 @@
 """A bus of two ends in one thread: python-can's interface, frames handed over as they are.
 
-python-can's virtual bus copies and filters each frame, which makes a run an eighth longer.
+For lockstep. python-can's virtual bus copies and filters each frame, which makes a run an eighth longer.
 """
 
 from __future__ import annotations
@@ -25,7 +25,11 @@ class PairEnd(can.BusABC):
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """The oldest frame that waits, or None; never waits."""
         del timeout
-        return self._inbox.popleft() if self._inbox else None
+        if not self._inbox:
+            return None
+        message = self._inbox.popleft()
+        message.is_rx = True
+        return message
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         return self.recv(timeout), True

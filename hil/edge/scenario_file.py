@@ -158,7 +158,7 @@ class OperatorRequest(Section):
 class DiagnosisChoice(Section):
     """Which fault detector."""
 
-    method: Literal["glr", "ideal", "none"] = "ideal"
+    method: Literal["glr", "ideal", "none"] = "glr"
     delay_s: NotNegative = 1.0
 
 

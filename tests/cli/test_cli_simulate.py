@@ -21,6 +21,8 @@ at_s = 10.0
 kind = "pump_effectiveness"
 target = 2
 value = 0.6
+[diagnosis]
+method = "ideal"
 [[window]]
 name = "after_the_fault"
 from_s = 10.0

@@ -14,6 +14,7 @@ from hil.cli import build
 from hil.core.controller import Output
 from hil.core.types import Event, Inputs, Mode, Quad, TickRecord
 from hil.edge.bus import BusPort
+from hil.edge.pair_bus import pair
 from hil.loop import ControlLoop
 from tools.benchmark import SCENARIO
 
@@ -34,11 +35,7 @@ class Capture:
         truth, faults = emulator_settings.load(bench.emulator_path, bench.scenario_path)
         emulator = Emulator(truth, faults, 1, emulator_settings.load_fingerprint(bench.dbc_path))
         capture = cls(config.loop.period_s)
-        channel = f"benchmark-{id(capture)}"
-        ours, theirs = (
-            can.Bus(interface="virtual", channel=channel, preserve_timestamps=True, ignore_config=True)
-            for _ in range(2)
-        )
+        ours, theirs = pair()
         with ours, theirs:
             port = BusPort(ours)
             loop = ControlLoop(
