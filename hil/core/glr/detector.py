@@ -23,6 +23,9 @@ from hil.core.tanks import TankModel
 from hil.core.types import Alarm, Diagnosis, Measurement, Pair
 
 ALL = (True, True, True, True)
+ABSURD_V = 100.0
+"""No level reads so much, whatever its range is said to be."""
+
 LARGEST_SHOCK = 30.0
 """One step's mean square innovation counts for no more than this in the divergence test: a jump is a fault's affair."""
 
@@ -75,7 +78,7 @@ class GlrDetector:
         scale = m.scale.tolist()
         levels, variances = [nan] * 4, [1.0] * 4
         for i, channel in enumerate(m.channels):
-            is_wet = level_V[i] > empty_V
+            is_wet = empty_V < level_V[i] < ABSURD_V
             if is_wet:
                 channel.learn(measurement, i, is_used=usable[i])
                 if n > 0 and usable[i] and measurement.valid[i]:
@@ -138,7 +141,9 @@ class GlrDetector:
         )
 
     def _is_diverged(self, m: Memory, level_cm: float) -> bool:
-        return m.surprise > self._setup.tuning.diverged or not isfinite(level_cm)
+        tuning = self._setup.tuning
+        restless = len(m.verdicts_s) >= tuning.verdicts_max and m.t_s - m.verdicts_s[0] < tuning.diverged_s
+        return restless or m.surprise > tuning.diverged or not isfinite(level_cm)
 
     def _warm_up(self) -> None:
         """Run every compiled function once, so that nothing is compiled while pumps move."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf, sqrt
+from math import sqrt
 
 import numpy as np
 
@@ -11,6 +11,9 @@ from hil.core.glr.hypotheses import BOTH, JUMPS, PUMPS, H
 from hil.core.glr.memory import Memory, Setup, Suspicion
 from hil.core.glr.process import BIAS, DRIFT, Array
 from hil.core.types import Alarm
+
+NO_EVIDENCE = -1e300
+"""Of what can't be; still a number, so that differences are."""
 
 FAR_BEHIND = 0.5
 """A hypothesis with less than this share of the leader's ratio has no onset worth its own replay."""
@@ -41,7 +44,7 @@ def isolate(setup: Setup, m: Memory, suspicion: Suspicion) -> list[Alarm]:
     is_new = suspicion.detected_s == m.t_s
     if _catch_up(setup, m, H + 1, tuning.replay_budget):
         return [verdict.unresolved(m, suspicion, _likely_by_bank(setup, m))] if is_new else []
-    evidence = np.array([value if _is_possible(m, number) else -inf for number, value in enumerate(r.evidence)])
+    evidence = np.array([value if _is_possible(m, number) else NO_EVIDENCE for number, value in enumerate(r.evidence)])
     order = [int(number) for number in np.argsort(-evidence)]
     is_bias = order[0] != BOTH and BIAS <= JUMPS[order[0]].state < DRIFT
     winner = None
@@ -84,8 +87,10 @@ def _is_possible(m: Memory, number: int) -> bool:
     rise, fall = m.least_jumps()
     r = m.replays
     sizes = [(j, r.x[number, JUMPS[j].state] - r.before[number, JUMPS[j].state]) for j in jumps_of(number)]
-    if any(abs(size) < (rise[j] if size > 0.0 else fall[j]) for j, size in sizes):
-        return False
+    for j, size in sizes:
+        least, most = (rise[j], JUMPS[j].rise[1]) if size > 0.0 else (fall[j], JUMPS[j].fall[1])
+        if not least <= abs(size) <= most:
+            return False
     return len({size > 0.0 for _, size in sizes}) == 1
 
 
@@ -100,7 +105,7 @@ def _leader(setup: Setup, m: Memory, evidence: Array, order: list[int]) -> int |
     if evidence[BOTH] - evidence[first] >= tuning.both_lead:
         return BOTH if evidence[BOTH] - evidence[first] >= tuning.margin else None
     other = JUMPS[PUMPS[1 - first]].state
-    is_alone = sqrt(m.replays.P[BOTH, other, other]) < tuning.second_pump_std
+    is_alone = sqrt(max(m.replays.P[BOTH, other, other], 0.0)) < tuning.second_pump_std
     return first if is_alone and evidence[first] - evidence[second] >= tuning.margin else None
 
 
@@ -117,6 +122,7 @@ def _settle(setup: Setup, m: Memory, suspicion: Suspicion, winner: int) -> list[
         m.alarms += index
         alarms.append(verdict.declare(setup, m, j, before, onset, suspicion, m.alarms if index else suspicion.number))
     m.restart_bank()
+    m.verdicts_s = (*m.verdicts_s, m.t_s)[-setup.tuning.verdicts_max :]
     return alarms
 
 

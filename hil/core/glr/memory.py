@@ -84,7 +84,8 @@ class Memory:
     A, K, white, innovation : what the last filter step left behind, see `process.step`. scale : (4,) by how much the
     innovations' variance exceeds what the sensors' noise explains. ratio, slot : the bank's best, by hypothesis.
     declared : by place in JUMPS. usable : whether the filter takes a sensor's readings in. agrees : for how many steps
-    a lost sensor has agreed with the filter. surprise : running mean square of the whitened innovations.
+    a lost sensor has agreed with the filter. surprise : running mean square of the whitened innovations. verdicts_s :
+    run times of the latest verdicts.
     """
 
     x: Array
@@ -113,6 +114,7 @@ class Memory:
     suspicion: Suspicion | None = None
     probation: Probation | None = None
     alarms: int = 0
+    verdicts_s: tuple[float, ...] = ()
 
     @classmethod
     def begin(cls, setup: Setup, t_s: float, measurement: Measurement, applied_V: Pair) -> Memory:
@@ -152,7 +154,6 @@ class Memory:
         self.bank.clear()
         self.open_slot()
         self.statistic = 0.0
-        self.surprise = 1.0
 
     def forget(self, state: int) -> None:
         """Put a fault's state back to nought, known for certain."""
@@ -165,9 +166,9 @@ class Memory:
             return LEAST_RISE, LEAST_FALL
         rise, fall = LEAST_RISE.copy(), LEAST_FALL.copy()
         for j, fault in self.declared.items():
-            rise[j], fall[j] = JUMPS[j].least_rise, JUMPS[j].least_fall
+            rise[j], fall[j] = JUMPS[j].rise[0], JUMPS[j].fall[0]
             if fault.size < 0.0:
-                rise[j] = JUMPS[j].least_fall
+                rise[j] = JUMPS[j].fall[0]
         return rise, fall
 
     def distrusted(self, sensor: int) -> bool:
@@ -175,5 +176,5 @@ class Memory:
         return not self.usable[sensor] or any(JUMPS[j].state in (BIAS + sensor, DRIFT + sensor) for j in self.declared)
 
 
-LEAST_RISE = np.array([jump.least_rise if jump.rises else np.inf for jump in JUMPS])
-LEAST_FALL = np.array([jump.least_fall if jump.falls else np.inf for jump in JUMPS])
+LEAST_RISE = np.array([jump.rise[0] if jump.rises else np.inf for jump in JUMPS])
+LEAST_FALL = np.array([jump.fall[0] if jump.falls else np.inf for jump in JUMPS])

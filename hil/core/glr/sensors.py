@@ -34,7 +34,7 @@ def readmit(setup: Setup, m: Memory, measurement: Measurement) -> list[Alarm]:
     gain = float(setup.c[13])
     for i in list(m.lost):
         expected_V = gain * float(m.x[i])
-        std_V = sqrt(gain * gain * m.P[i, i] + m.entry[6 + i])
+        std_V = sqrt(max(gain * gain * m.P[i, i], 0.0) + m.entry[6 + i])
         is_sound = measurement.valid[i] and measurement.readings > 0 and not m.channels[i].is_stuck(measurement, i)
         agrees = is_sound and abs(measurement.level_V[i] - expected_V) < AGREES_STDS * std_V
         m.agrees[i] = m.agrees[i] + 1 if agrees and not m.channels[i].is_noisy() else 0

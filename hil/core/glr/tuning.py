@@ -25,7 +25,7 @@ class Tuning:
     replay_budget : filter steps of the replays in one control period; what is left waits for the next.
     probation_s : for so long a pump's loss is held against "stuck at some flow". readmit_s : a lost sensor that agrees
     with the model for so long is trusted again. diverged : mean square of the whitened innovations that nothing
-    explains, over diverged_s.
+    explains, over diverged_s; so many verdicts within that time (verdicts_max) explain nothing either.
     """
 
     detect: float = 20.0
@@ -40,7 +40,7 @@ class Tuning:
     lag_std: float = 0.5
     parameter_walk: float = 2e-5
     level_walk_cm: float = 2e-4
-    reading_floor_V: float = 1e-3
+    reading_floor_V: float = 5e-4
     scale_pace: float = 0.003
     calm: float = 8.0
 
@@ -52,3 +52,4 @@ class Tuning:
     readmit_s: float = 5.0
     diverged: float = 6.0
     diverged_s: float = 10.0
+    verdicts_max: int = 6

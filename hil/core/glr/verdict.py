@@ -20,12 +20,12 @@ RECOVERED_PUMP = 0.03
 def declare(setup: Setup, m: Memory, j: int, before: Array, onset: int, suspicion: Suspicion, number: int) -> Alarm:
     """Note that state j of JUMPS has jumped, from what it was before to what the filter now says; the alarm."""
     jump = JUMPS[j]
-    now, std = float(m.x[jump.state]), sqrt(m.P[jump.state, jump.state])
+    now, std = float(m.x[jump.state]), sqrt(max(m.P[jump.state, jump.state], 0.0))
     known = m.declared.get(j)
     sound = known.sound if known else float(before[jump.state])
     total = now - sound
     kind = known.kind if known else (jump.rises if total > 0.0 else jump.falls)
-    least = RECOVERED_PUMP if jump.state < SPLIT else jump.least_fall
+    least = RECOVERED_PUMP if jump.state < SPLIT else jump.fall[0]
     is_recovery = known is not None and abs(total) < max(RECOVERED_STDS * std, least)
     shown, unit = _shown(setup, m, j, sound)
     onset_s = m.time_of(onset)

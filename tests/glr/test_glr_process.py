@@ -1,0 +1,98 @@
+import numpy as np
+import pytest
+from glr_bench import DETECTOR, MODEL, PERIOD_S, Plant
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hil.core.glr import process
+from hil.core.glr.process import BIAS, DRIFT, GAIN, LAG, LEAK, MOVING, OUTLET, PUMP, SPLIT, N
+
+C = process.constants(MODEL, 0.2)
+
+
+def a_state(random) -> np.ndarray:
+    x = np.zeros(N)
+    x[0:4] = random.uniform(0.5, 18.0, 4)
+    x[PUMP:GAIN] = random.uniform(0.0, 9.0, 2)
+    x[GAIN:LEAK] = random.uniform(0.7, 1.3, LEAK - GAIN)
+    x[LEAK:BIAS] = random.uniform(0.0, 0.4, 2)
+    x[BIAS:DRIFT] = random.normal(0.0, 0.1, 4)
+    x[DRIFT:] = random.normal(0.0, 0.01, 4)
+    return x
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=40, deadline=None)
+def test_the_transition_matrix_is_the_derivative_of_the_prediction(seed):
+    random = np.random.default_rng(seed)
+    x, volts = a_state(random), random.uniform(0.0, 9.0, 2)
+    A = np.zeros((MOVING, N))
+    process.predict(C, x.copy(), volts, PERIOD_S, A)
+    for j in range(N):
+        step = 1e-5
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = x.copy()
+            moved[j] += sign * step
+            process.predict(C, moved, volts, PERIOD_S, np.zeros((MOVING, N)))
+            ends.append(moved[:MOVING])
+        # rows are those of an Euler step, the prediction is a midpoint's: they differ by the square of the period
+        assert (ends[0] - ends[1]) / (2.0 * step) == pytest.approx(A[:, j], abs=2e-3)
+
+
+def test_the_prediction_is_eq_1():
+    from scipy.integrate import solve_ivp
+
+    x, volts = a_state(np.random.default_rng(3)), np.array([4.0, 2.0])
+    area, speed = np.array(MODEL.area_cm2), np.sqrt(2.0 * MODEL.gravity_cm_s2)
+
+    def slope(_, z):
+        h, p = z[:4], z[4:]
+        pumped = np.array(MODEL.pump_gain_cm3_Vs) * x[GAIN:SPLIT] * p
+        split = np.array(MODEL.valve_split) * x[SPLIT:LAG]
+        out = np.array(MODEL.outlet_cm2) * x[OUTLET:LEAK] * speed * np.sqrt(h)
+        lost = np.array(MODEL.outlet_cm2)[2:] * speed * np.sqrt(h[2:]) * x[LEAK:BIAS]
+        inflow = np.concatenate([split * pumped + out[2:], ((1.0 - split) * pumped)[::-1]])
+        rate = inflow - out
+        rate[2:] -= lost
+        return np.concatenate([rate / area, (volts - p) / (0.2 * x[LAG:OUTLET])])
+
+    exact = solve_ivp(slope, (0.0, PERIOD_S), x[:6], rtol=1e-10, atol=1e-12).y[:, -1]
+    process.predict(C, x, volts, PERIOD_S, np.zeros((MOVING, N)))
+    assert x[:6] == pytest.approx(exact, abs=2e-5)
+
+
+@pytest.mark.parametrize("seed", [11, 12, 13])
+def test_innovations_are_white_and_as_large_as_the_filter_says(seed):
+    plant, squares, products = Plant(seed), [], []
+    memory, last = None, np.zeros(4)
+    for number in range(3000):
+        volts = (3.0 + 0.5 * np.sin(number / 90.0), 3.0 + 0.5 * np.cos(number / 130.0))
+        memory, _ = DETECTOR.step(memory, number * PERIOD_S, plant.period(volts), None, volts)
+        if number > 300:
+            white = memory.white @ memory.innovation
+            squares.append(white**2)
+            products.append(white * last)
+            last = white
+    assert np.mean(squares, axis=0) == pytest.approx(np.ones(4), abs=0.15)
+    assert np.mean(products, axis=0) == pytest.approx(np.zeros(4), abs=0.08)
+
+
+def test_parameters_of_the_rig_are_learned():
+    plant, memory = Plant(5), None
+    for number in range(4000):
+        volts = (3.0 + 0.8 * np.sin(number / 150.0), 3.0 + 0.8 * np.cos(number / 200.0))
+        memory, _ = DETECTOR.step(memory, number * PERIOD_S, plant.period(volts), None, volts)
+    inflow = plant.gain * plant.split / np.array(MODEL.pump_gain_cm3_Vs) / np.array(MODEL.valve_split)
+    assert memory.x[GAIN:SPLIT] * memory.x[SPLIT:LAG] == pytest.approx(inflow, abs=0.006)
+    assert memory.x[OUTLET:LEAK] == pytest.approx(plant.outlet / np.array(MODEL.outlet_cm2), abs=0.012)
+
+
+def test_the_covariance_stays_symmetric_and_positive():
+    plant, memory = Plant(6), None
+    for number in range(2000):
+        memory, _ = DETECTOR.step(memory, number * PERIOD_S, plant.period((3.0, 3.0)), None, (3.0, 3.0))
+    active = memory.P[:LEAK, :LEAK]
+    assert np.array_equal(memory.P, memory.P.T)
+    assert np.linalg.eigvalsh(active).min() > -1e-12
+    assert not memory.P[LEAK:].any()
