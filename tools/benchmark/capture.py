@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import can
@@ -28,9 +29,9 @@ class Capture:
         self.frames: list[can.Message] = []
 
     @classmethod
-    def of_a_run(cls, duration_s: float | None = None) -> Capture:
-        """The paper's scenario, or the beginning of it."""
-        bench = build.load(SCENARIO)
+    def of_a_run(cls, duration_s: float | None = None, scenario: Path = SCENARIO) -> Capture:
+        """A scenario, or the beginning of it."""
+        bench = build.load(scenario)
         config = build.controller_config(bench, duration_s)
         truth, faults = emulator_settings.load(bench.emulator_path, bench.scenario_path)
         emulator = Emulator(truth, faults, 1, emulator_settings.load_fingerprint(bench.dbc_path))

@@ -1,43 +1,19 @@
-"""The small change of a tick: one control step, and a frame encoded, checked and decoded."""
+"""The small change of a tick: a frame encoded, checked and decoded."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from statistics import median
 from typing import Any
 
 import cantools
-import numpy as np
 
 from hil.cli import build
-from hil.core import controller
-from hil.core.controller import ControllerState
 from hil.wire.checks import FrameCheck, Rejection
 from tools.benchmark import SCENARIO
 from tools.benchmark.capture import Capture
 from tools.benchmark.tables import Section, as_time
-from tools.benchmark.timing import TICK_US, Effort, in_turns
-
-
-def control_step(effort: Effort) -> list[Section]:
-    """`controller.step` on what a run of the paper's scenario gave it to see."""
-    capture = Capture.of_a_run()
-    config = build.controller_config(build.load(SCENARIO))
-    took_us: list[float] = []
-    while len(took_us) < effort.steps:
-        state = ControllerState()
-        for number, inputs in enumerate(capture.inputs[: effort.steps - len(took_us)]):
-            started_ns = time.perf_counter_ns()
-            state, _ = controller.step(config, state, inputs, number * capture.period_ns)
-            took_us.append((time.perf_counter_ns() - started_ns) * 1e-3)
-    p50, p99, largest = (float(value) for value in np.percentile(took_us, [50, 99, 100]))
-    rows = [
-        (name, as_time(value), f"{100.0 * value / TICK_US:.2f} %")
-        for name, value in (("p50", p50), ("p99", p99), ("max", largest))
-    ]
-    note = f"{len(took_us)} steps, reference changes and reconfiguration among them. Tick: 100 ms."
-    return [Section("One control step", note, ("quantile", "time", "share of a tick"), rows)]
+from tools.benchmark.timing import Effort, in_turns
 
 
 def codec(effort: Effort) -> list[Section]:

@@ -14,7 +14,7 @@ from pathlib import Path
 from rich.table import Table
 
 from tools.benchmark import ROOT
-from tools.benchmark.timing import Effort
+from tools.benchmark.timing import Effort, yardstick_ms
 
 DOCUMENT = ROOT / "docs/benchmarks.md"
 BEGIN, END = "<!-- figures: begin -->", "<!-- figures: end -->"
@@ -72,13 +72,14 @@ def write(sections: list[Section], effort: Effort) -> None:
 
 
 def _circumstances(effort: Effort) -> str:
-    packages = ("numpy", "scipy", "control", "slycot", "python-can", "cantools", "rerun-sdk")
+    packages = ("numpy", "numba", "scipy", "control", "slycot", "python-can", "cantools", "rerun-sdk")
     versions = ", ".join(f"{name} {version(name)}" for name in packages if importlib.util.find_spec(_module(name)))
     now = datetime.now(UTC)
     load = os.getloadavg()[0]
     machine = f"{os.cpu_count()} cores, {_cpu_model()}, {platform.system()} {platform.machine()}"
     return (
-        f"{now:%Y-%m-%d}; {machine}, load average {load:.1f} at the end; "
+        f"{now:%Y-%m-%d}; {machine}, load average {load:.1f} at the end; an empty loop of a "
+        f"million turns takes {yardstick_ms():.1f} ms; "
         f"Python {platform.python_version()}, {versions}; {effort.runs} runs, {effort.rounds} rounds."
     )
 

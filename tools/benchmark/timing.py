@@ -20,6 +20,17 @@ class Effort:
     steps: int = 20_000
 
 
+def yardstick_ms() -> float:
+    """How long a loop of a million turns takes, the best of five: what this machine is worth just now."""
+    best = float("inf")
+    for _ in range(5):
+        started = time.perf_counter()
+        for _ in range(1_000_000):
+            pass
+        best = min(best, time.perf_counter() - started)
+    return best * 1e3
+
+
 def in_turns(calls: dict[str, tuple[Callable[[], Any], int]], rounds: int) -> dict[str, list[float]]:
     """Microseconds per call, one number a round. calls : name -> (call, how often in a round)."""
     times: dict[str, list[float]] = {name: [] for name in calls}
