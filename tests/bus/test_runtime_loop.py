@@ -1,132 +1,18 @@
 """The real-time loop on a clock that is handed in: deadlines, skipped steps, and 0 V as the last word."""
 
-import dataclasses
-import tomllib
+from functools import partial
 from itertools import pairwise
 
 import pytest
-from can import Message
+from runtime_bench import MS, PERIOD_NS, bench_in
 
-from firmware_sim.rig import Rig as Emulator
-from firmware_sim.settings import EmulatorSettings
-from firmware_sim.wire import NodeState, parse_command
-from hil import runtime
-from hil.cli import build
+from firmware_sim.wire import NodeState
 from hil.core import controller
-from hil.edge.settings import default_config_dir
-from hil.loop import ControlLoop
-
-MS = 1_000_000
-PERIOD_NS = 100 * MS
-SCENARIO = '[scenario]\nname = "short"\nduration_s = 3.0\n[rig]\nsafety.arm_timeout_s = 1.0\n'
-
-
-class ManualClock:
-    """Time that passes only when somebody waits, or when the script says that a call has stalled."""
-
-    def __init__(self):
-        self.now = 5_000 * MS
-
-    def now_ns(self):
-        return self.now
-
-    def sleep_until(self, deadline_ns):
-        self.now = max(self.now, deadline_ns)
-
-
-class RigPort:
-    """The emulated rig as a port on the manual clock; notes every command with its time. `stalls` : time -> length."""
-
-    def __init__(self, clock, fingerprint, stalls=None):
-        settings = tomllib.loads((default_config_dir() / "emulator.toml").read_text())
-        self.rig = Emulator(EmulatorSettings.model_validate(settings), (), 1, fingerprint)
-        self.clock = clock
-        self.stalls = dict(stalls or {})
-        self.sent = []
-        self.inbox = []
-        self.send_failures = 0
-        self.is_up = True
-        self.last_error = ""
-        self.start_ns = clock.now
-
-    def _rig_ns(self):
-        return self.clock.now - self.start_ns
-
-    def receive(self, timeout_s):
-        for at_ns in [at for at in self.stalls if at <= self._rig_ns()]:
-            self.clock.now += self.stalls.pop(at_ns)
-        due_ns = self.start_ns + self.rig.next_event_ns
-        if not self.inbox and due_ns <= self.clock.now + round(timeout_s * 1e9):
-            self.clock.now = max(self.clock.now, due_ns)
-            self.inbox += self.rig.advance(self._rig_ns())
-        elif not self.inbox:
-            self.clock.now += round(timeout_s * 1e9)
-        return self.inbox.pop(0) if self.inbox else None
-
-    def waiting(self):
-        self.inbox += self.rig.advance(self._rig_ns())
-        frames, self.inbox = self.inbox, []
-        return frames
-
-    def send(self, frame_id, data, timestamp_s):
-        message = Message(timestamp_s, frame_id, is_extended_id=False, data=data)
-        self.sent.append((self.clock.now, parse_command(message)))
-        if self.is_up:
-            self.rig.receive(message, self._rig_ns())
-        return self.is_up
-
-
-class Ticks:
-    """A recorder that keeps the steps, and may raise at one of them."""
-
-    def __init__(self, error_at=None, error=None):
-        self.records, self.events = [], []
-        self.error_at, self.error = error_at, error
-
-    def tick(self, record, true_level_cm=None):  # noqa: ARG002 - the recorder's signature
-        self.records.append(record)
-        if len(self.records) == self.error_at:
-            raise self.error
-
-    def frame(self, *_):
-        pass
-
-    def event(self, t_s, event):
-        self.events.append((t_s, event))
-
-
-@dataclasses.dataclass
-class Bench:
-    clock: ManualClock
-    port: RigPort
-    ticks: Ticks
-    loop: ControlLoop
-
-    def run(self, stop_reason=lambda: ""):
-        return runtime.run(self.loop, self.port, self.clock, 0.1, stop_reason)
-
-    def times_ms(self):
-        return [(at - self.port.start_ns) / MS for at, _ in self.port.sent]
-
-    def assert_ended_at_rest(self):
-        _, last = self.port.sent[-1]
-        assert (last.enable, last.command_V) == (False, (0.0, 0.0))
-        assert self.port.rig.truth().applied_V == (0.0, 0.0)
 
 
 @pytest.fixture
 def bench(tmp_path):
-    def make(stalls=None, **recorder):
-        scenario = tmp_path / "short.toml"
-        scenario.write_text(SCENARIO)
-        loaded = build.load(scenario)
-        clock, ticks = ManualClock(), Ticks(**recorder)
-        port = RigPort(clock, loaded.contract.fingerprint, stalls)
-        config = build.controller_config(loaded)
-        loop = ControlLoop(config, loaded.contract, loaded.rig.sensors.range_V, port, ticks, arm_timeout_s=1.0)
-        return Bench(clock, port, ticks, loop)
-
-    return make
+    return partial(bench_in, tmp_path)
 
 
 def test_steps_lie_on_absolute_deadlines_and_the_run_completes(bench):

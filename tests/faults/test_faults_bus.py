@@ -1,0 +1,346 @@
+"""Cases 12 to 14, 16, 20 to 28: strangers on the bus, disturbances, adapters that fail, links that go."""
+
+import errno
+import os
+import socket
+import threading
+import time
+from contextlib import contextmanager, suppress
+
+import can
+import pytest
+from bus_bench import BITRATE, IDS, LEVELS_ID, RawAdapter, closing, line, next_frame
+from faults_bench import (
+    OFF,
+    RX_S,
+    T_S,
+    TIME_TOLERANCE_S,
+    W_S,
+    assert_no_trip,
+    assert_safe,
+    assert_tripped,
+    contract,
+    fault,
+    play,
+    story,
+)
+from live_bench import PLAIN, controller, emulator, wait_for, write_scenario
+
+from firmware_sim import wire as node
+from hil.edge.bus import LONGEST_LINE, BusAddress, BusPort
+from hil.wire.checks import Rejection
+from hil.wire.commands import CommandSender
+from hil.wire.receiver import Receiver
+
+AT_S = 5.0
+GOOD = b"\x11\x22\x33\x44\x55\x66\x77"
+SEALED = node.pack_levels(node.LOWER_LEVELS_ID, (6.2, 6.4), (node.ChannelStatus.OK,) * 2, 3)
+
+
+def test_case_12_babbling_node_of_a_foreign_id():
+    """3000 frames/s that are none of ours: kept out, and the ages of what is ours stay below a period."""
+    run = play(story(fault("babble", AT_S, "foreign", 3000.0), duration_s=8.0))
+    assert_no_trip(run)
+    for tick in run.from_s(AT_S):
+        assert max(tick.levels_age_s, tick.status_age_s) <= T_S + TIME_TOLERANCE_S
+    assert run.outcome.frames_lost == 0
+
+
+def test_case_13_babbling_node_of_top_priority():
+    """Nothing else gets through: the node is safe within W, the controller trips on age within max(Rx, W)."""
+    run = play(story(fault("babble", AT_S, "top", 4000.0)))
+    assert_tripped(run, AT_S, max(RX_S, W_S), "stale_levels", "stale_status", "node_lost")
+    assert_safe(run, AT_S)
+
+
+@pytest.mark.parametrize("volts", [0.0, 3.0, 10.0])
+def test_case_14_foreign_command(volts):
+    """Somebody else commands the pumps: latched in the step that sees the first frame; 0 V once, then silence."""
+    run = play(story(fault("foreign_command", AT_S, None, volts, until_s=AT_S + 0.35)), is_alone=False)
+    assert run.cause == "foreign_command"
+    assert AT_S <= run.trip_s <= AT_S + T_S
+    after = [data for t_s, data in run.keeper.sent if t_s > run.start_s + run.trip_s - TIME_TOLERANCE_S]
+    assert len(after) == 1, "the trip's 0 V, and nothing more"
+    assert run.at(run.trip_s).command_V == OFF
+    assert run.emulator.pump.applied_V == OFF, "with nobody left to command it the node has come to rest"
+
+
+@pytest.mark.parametrize("garbage", [b"t18271122\r", b"t1827112233\r", b"t18\r", b"t1828\r"])
+def test_case_16_slcan_payload_shorter_than_its_length(garbage):
+    """A line that says more bytes than it has: dropped, nothing raises, the next frame is received."""
+    with closing(RawAdapter()) as adapter:
+        receiver = Receiver(contract(), CommandSender(contract()), (0.0, 10.24))
+        adapter.say(garbage + line(data=SEALED))
+        end_s = time.monotonic() + 2.0
+        while receiver.accepted == 0 and time.monotonic() < end_s:
+            message = adapter.port.receive(0.02)
+            if message is not None:
+                receiver.take(message, time.monotonic_ns())
+        assert adapter.port.is_up
+        assert receiver.accepted == 1
+        assert set(receiver.rejections) <= {Rejection.LENGTH}
+
+
+@pytest.mark.parametrize(("rate_per_s", "trips"), [(5.0, False), (15.0, False), (25.0, True), (200.0, True)])
+def test_case_20_error_frames(rate_per_s, trips):
+    """A few are counted, a storm of 20 within a second trips within that second."""
+    run = play(story(fault("error_frames", AT_S, None, rate_per_s)))
+    if trips:
+        assert_tripped(run, AT_S, 1.0, "error_storm")
+        return
+    assert_no_trip(run)
+    assert run.ticks[-1].rejected == pytest.approx((run.ticks[-1].t_s - AT_S) * rate_per_s, abs=2)
+
+
+def test_case_21_bus_off():
+    """Nothing goes out or comes in: the node is safe within W, and never armed again by itself when the bus is back."""
+    run = play(story(fault("bus_off", AT_S, None, until_s=AT_S + 0.7)))
+    assert_tripped(run, AT_S, RX_S + T_S)
+    assert_safe(run, AT_S)
+    again = play(story(duration_s=5.0, rig={"safety": {"arm_timeout_s": 2.0}}), emulator=run.emulator)
+    assert again.outcome.status == "failed"
+    assert "tripped" in again.outcome.reason
+    assert again.emulator.pump.applied_V == OFF
+    cleared = play(story(duration_s=5.0), emulator=again.emulator, clear_trip=True, checks=False)
+    assert cleared.outcome.status == "complete", "on purpose it is"
+
+
+class Failing(can.BusABC):
+    """Our end of the bus, whose sends or receives fail from the `count`-th send on."""
+
+    def __init__(self, bus, count, error, *, receives):
+        super().__init__(channel="failing")
+        self._inner, self._left, self._error, self._receives = bus, count, error, receives
+
+    def send(self, msg, timeout=None):
+        self._left -= 1
+        if self._left < 0:
+            raise self._error
+        self._inner.send(msg, timeout)
+
+    def recv(self, timeout=None):
+        if self._receives and self._left <= 0:
+            raise self._error
+        return self._inner.recv(timeout)
+
+    def shutdown(self):
+        super().shutdown()
+
+
+SENDS = 53
+DOWN = OSError(errno.ENETDOWN, "Network is down")
+FULL = can.CanOperationError("Transmit buffer full", errno.ENOBUFS)
+
+
+def test_case_22_interface_down():
+    """The interface goes down: safe within W, and the run ends; a new one is not armed by itself."""
+    run = play(story(duration_s=30.0), wrap=lambda bus: Failing(bus, SENDS, DOWN, receives=True))
+    assert run.cause == "bus_failed"
+    down_s = run.at(run.trip_s).t_s
+    assert_safe(run, down_s - T_S, W_S + T_S)
+    assert run.outcome.t_s - down_s <= 5.0
+    again = play(story(duration_s=5.0, rig={"safety": {"arm_timeout_s": 2.0}}), emulator=run.emulator)
+    assert again.outcome.status == "failed"
+
+
+def test_case_23_transmit_queue_full():
+    """The queue takes nothing more: each refused command is dropped for good, trip within 3 T, node safe within W."""
+    run = play(story(duration_s=30.0), wrap=lambda bus: Failing(bus, SENDS, FULL, receives=False))
+    last_s = run.keeper.sent[-1][0] - run.start_s
+    assert len(run.keeper.sent) == SENDS
+    assert_tripped(run, last_s, T_S + 3 * T_S, "bus_failed", "node_tripped")
+    assert_safe(run, last_s)
+
+
+@contextmanager
+def relay(port):
+    """A cable to the emulator's adapter that can be pulled: yields its address and a way to pull it."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        ends = []
+
+        def serve():
+            with suppress(OSError):
+                near, _ = server.accept()
+                far = socket.create_connection(("127.0.0.1", port))
+                ends.extend([near, far])
+                for a, b in ((near, far), (far, near)):
+                    threading.Thread(target=pump, args=(a, b), daemon=True).start()
+
+        def pump(source, sink):
+            with suppress(OSError):
+                while data := source.recv(4096):
+                    sink.sendall(data)
+
+        def pull():
+            for end in ends:
+                with suppress(OSError):
+                    end.shutdown(socket.SHUT_RDWR)
+                end.close()
+
+        threading.Thread(target=serve, daemon=True).start()
+        try:
+            yield f"socket://127.0.0.1:{server.getsockname()[1]}", pull
+        finally:
+            pull()
+
+
+@pytest.mark.live
+def test_case_24_adapter_unplugged_and_plugged_again(tmp_path):
+    """The adapter goes: safe within W, the run ends cleanly; plugged again, nothing moves until it is cleared."""
+    scenario = write_scenario(tmp_path, arm_timeout=1.0)
+    with emulator(tmp_path / "node.jsonl") as rig:
+        with (
+            relay(int(rig.channel.rpartition(":")[2])) as (channel, pull),
+            controller(scenario, channel, tmp_path / "run", *PLAIN) as run,
+        ):
+            wait_for(lambda: len(rig.commanded()) >= 10, 40.0)
+            pull()
+            assert run.wait(10.0) == 3, (run.out, run.err)
+        wait_for(lambda: rig.pump()[-1]["cause"] == "watchdog", 2.0)
+        before, trip = rig.pump()[-2:]
+        assert trip["applied_V"] == [0.0, 0.0]
+        assert trip["t_s"] - before["t_s"] <= W_S + 2.5 * T_S
+        assert run.json("kpi.json")["trips"][0]["cause"] in ("bus_failed", "stale_levels", "node_lost")
+        changes = len(rig.pump())
+        with controller(scenario, rig.channel, tmp_path / "again", *PLAIN) as again:
+            assert again.wait() == 4
+        assert len(rig.pump()) == changes, "still latched at 0 V"
+
+
+@pytest.mark.parametrize("garbage", [b"\xff", b"t18\xff7\r", b"\x80\x81\xfe\r"])
+def test_case_25_slcan_byte_beyond_ascii(garbage):
+    """A byte that is no ASCII: frames go on being received within Rx."""
+    with closing(RawAdapter()) as adapter:
+        started_s = time.monotonic()
+        adapter.say(garbage)
+        message = None
+        while message is None:
+            adapter.say(line(data=GOOD))
+            message = next_frame(adapter.port, 0.02)
+            assert time.monotonic() - started_s < RX_S
+        assert bytes(message.data) == GOOD
+        assert adapter.port.is_up
+
+
+def test_case_26_slcan_line_without_end():
+    """A line that never ends: what is kept of it stays within 1 kB and the piece that has just come."""
+    piece = 256
+    with closing(RawAdapter()) as adapter:
+        largest = 0
+        for _ in range(60):
+            adapter.say(b"A" * piece)
+            adapter.port.receive(0.005)
+            largest = max(largest, len(adapter.port._bus._buffer))
+        assert largest <= LONGEST_LINE + piece
+        adapter.say(b"\r")
+        adapter.port.receive(0.005)
+        if adapter.port.is_up:
+            adapter.say(line(data=GOOD))
+            assert bytes(next_frame(adapter.port).data) == GOOD
+
+
+@pytest.mark.parametrize("from_s", [0.0, AT_S])
+def test_case_27_every_send_refused(from_s):
+    """Sends that go nowhere: never armed on; in a run the node is safe within W, the missing echo trips within 5 T."""
+    run = play(story(fault("frame_loss", from_s, "PumpCommand", 1.0)))
+    assert_tripped(run, from_s, 5 * T_S, "echo_missing", "node_tripped")
+    assert run.node_off_s(from_s) <= from_s + W_S
+
+
+def test_case_27_every_send_refused_from_the_start():
+    """An adapter that says it sent and never does: the pumps never move, and the missing echo trips within 5 T."""
+    refused = can.CanOperationError("refused")
+
+    class Deaf(Failing):
+        def send(self, msg, timeout=None):
+            del msg, timeout  # says that it went out
+
+    run = play(story(rig={"safety": {"arm_timeout_s": 2.0}}), wrap=lambda bus: Deaf(bus, 1, refused, receives=False))
+    assert run.cause == "echo_missing", run.told
+    assert run.trip_s <= 5 * T_S + TIME_TOLERANCE_S
+    assert all(change.applied_V == OFF for change in run.keeper.changes if change.node == "pump")
+
+
+needs_can = pytest.mark.skipif(not hasattr(socket, "AF_CAN"), reason="this Python knows no AF_CAN")
+VCAN = "vcan0"
+
+
+@pytest.fixture
+def vcan():
+    """A port and a raw bus on the kernel's vcan0; skips with the reason where there is none."""
+    try:
+        with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as one:
+            one.bind((VCAN,))
+    except OSError as error:
+        pytest.skip(f"needs AF_CAN and {VCAN} (ip link add {VCAN} type vcan; ip link set {VCAN} up): {error}")
+    port = BusPort(BusAddress("socketcan", VCAN, BITRATE).open(IDS))
+    far = can.Bus(interface="socketcan", channel=VCAN, ignore_config=True)
+    try:
+        yield port, far
+    finally:
+        port.close()
+        far.shutdown()
+
+
+@needs_can
+@pytest.mark.socketcan
+def test_case_20_error_frames_reach_us_past_the_filters(vcan):
+    """The kernel hands error frames on, although the filters name our identifiers only."""
+    port, far = vcan
+    far.send(can.Message(is_error_frame=True, arbitration_id=0x4, data=bytes(8)))
+    far.send(can.Message(arbitration_id=LEVELS_ID, is_extended_id=False, data=GOOD))
+    got = [next_frame(port), next_frame(port)]
+    assert [bool(message and message.is_error_frame) for message in got] == [True, False]
+
+
+@needs_can
+@pytest.mark.socketcan
+def test_case_12_foreign_frames_are_kept_out_by_the_kernel(vcan):
+    """A thousand strange frames: none of them reaches us, ours does at once."""
+    port, far = vcan
+    for _ in range(1000):
+        far.send(can.Message(arbitration_id=0x7A5, is_extended_id=False, data=bytes(8)))
+    far.send(can.Message(arbitration_id=LEVELS_ID, is_extended_id=False, data=GOOD))
+    assert bytes(next_frame(port).data) == GOOD
+
+
+@needs_can
+@pytest.mark.socketcan
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may take an interface down")
+def test_case_22_interface_of_the_kernel_down_and_up(vcan):
+    """`ip link set down` is noticed within W, and the port stays down when the interface is up again."""
+    import subprocess
+
+    port, _ = vcan
+    try:
+        subprocess.run(["ip", "link", "set", VCAN, "down"], check=True)
+        end_s = time.monotonic() + W_S
+        while port.is_up and time.monotonic() < end_s:
+            port.send(0x201, bytes(6), 0.0)
+            port.receive(0.01)
+        assert not port.is_up, "noticed within W"
+    finally:
+        subprocess.run(["ip", "link", "set", VCAN, "up"], check=True)
+    assert not port.is_up, "stays down until a new run opens it"
+
+
+@needs_can
+@pytest.mark.socketcan
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may shorten an interface's queue")
+def test_case_23_transmit_queue_of_the_kernel_full(vcan):
+    """A queue of one on an interface that nobody drains: sends fail at once, three in a row are a failed bus."""
+    import subprocess
+
+    port, _ = vcan
+    limit = f"tc qdisc replace dev {VCAN} root tbf rate 8bit burst 16b limit 16b"
+    made = subprocess.run(limit.split(), check=False, capture_output=True, text=True)
+    if made.returncode:
+        pytest.skip(f"needs tc and its tbf: {made.stderr.strip()}")
+    try:
+        for _ in range(10):
+            started_s = time.monotonic()
+            port.send(0x201, bytes(6), 0.0)
+            assert time.monotonic() - started_s < 0.01, "a send never waits"
+        assert not port.is_up
+    finally:
+        subprocess.run(["tc", "qdisc", "del", "dev", VCAN, "root"], check=False)

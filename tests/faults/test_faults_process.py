@@ -1,0 +1,193 @@
+"""Cases 46 to 54: clocks, stalls, signals, exceptions, disks and viewers of the host.
+
+Cases 48 (SIGSTOP), 49 and 50 are two processes in real time: tests/live/test_live_faults.py.
+"""
+
+import resource
+import threading
+import time
+from itertools import pairwise
+
+import pytest
+from faults_bench import OFF, RX_S, T_S, TIME_TOLERANCE_S, W_S, assert_no_trip, fault, play, story
+from live_bench import PLAIN, controller, emulator, sent_s, wait_for, write_scenario
+from runtime_bench import MS, bench_in
+
+from firmware_sim.wire import NodeState
+from hil.core import estimator
+from hil.core.types import Event, Mode, Severity
+from hil.edge.recorder import QueuedRecorder, Recorder
+from hil.edge.rerun_log import RerunLog, RunCard
+from hil.edge.run_folder import RunFolder, RunPlan
+from hil.review.blueprint import blueprint
+from hil.review.ticks import read
+
+AT_S = 5.0
+HOUR_S = 3600.0
+
+
+@pytest.mark.parametrize("jump_s", [HOUR_S, -HOUR_S])
+def test_case_46_wall_clock_jumps(monkeypatch, jump_s):
+    """The host's wall clock and both nodes' jump an hour: not one tick is any different."""
+    plain = play(story())
+    real = time.time
+    started = real()
+    monkeypatch.setattr(time, "time", lambda: real() + (jump_s if real() - started > 0.02 else 0.0))
+    monkeypatch.setattr(time, "time_ns", lambda: int(time.time() * 1e9))
+    run = play(story(fault("clock_jump", AT_S, "pump", jump_s), fault("clock_jump", AT_S, "level", jump_s)))
+    assert_no_trip(run)
+    assert run.ticks == plain.ticks
+
+
+@pytest.mark.parametrize("stall_ms", [100, 1000, 10_000])
+def test_case_47_controller_stalls(tmp_path, stall_ms):
+    """0.1 s goes unnoticed; 1 s and 10 s: node safe within W, controller trips; what was missed is never made up."""
+    run = bench_in(tmp_path, stalls={1000 * MS: stall_ms * MS})
+    outcome = run.run()
+    times = run.times_ms()[:-1]
+    assert len({at // 100.0 for at in times}) == len(times), "two commands within one period: a burst"
+    if stall_ms == 100:
+        assert outcome.status == "complete"
+        return
+    assert (outcome.status, outcome.reason) == ("tripped", "node_tripped")
+    before_ms = max(at for at in times if at <= 1000.0)
+    assert run.port.trips_ms[0] - before_ms <= 1000 * W_S
+    assert all(not command.enable for at, command in run.port.sent if at * 1e-6 > 1100.0 + run.port.start_ns / MS)
+    assert run.port.rig.truth().pump_state is NodeState.TRIPPED
+    run.assert_ended_at_rest()
+
+
+class Raising:
+    """The scenario's own detector, that raises from a time on."""
+
+    def __init__(self, detector, error):
+        self._detector, self._error = detector, error
+
+    def start(self):
+        return self._detector.start()
+
+    def step(self, memory, t_s, *arguments):
+        if t_s >= AT_S - TIME_TOLERANCE_S:
+            raise self._error
+        return self._detector.step(memory, t_s, *arguments)
+
+
+def assert_failed_in_the_same_tick(run):
+    assert run.cause == "controller_failed"
+    assert len(run.trips) == 1, "the first cause stays"
+    off_s = [t_s - run.start_s for t_s, data in run.keeper.sent if not data[4] & 1 and t_s > run.start_s + 1.0]
+    assert off_s[0] == pytest.approx(AT_S, abs=TIME_TOLERANCE_S), "0 V in the very tick that raised"
+    assert run.node_off_s(AT_S) == pytest.approx(AT_S, abs=TIME_TOLERANCE_S)
+
+
+@pytest.mark.parametrize("error", [ZeroDivisionError("x"), FloatingPointError(), MemoryError(), KeyError("y")])
+def test_case_51_detector_raises(error):
+    """Whatever the diagnosis raises: 0 V in the same tick; what goes wrong afterwards does not change the cause."""
+    run = play(story(fault("heartbeat_stop", AT_S, "level")), detector=lambda own: Raising(own, error))
+    assert_failed_in_the_same_tick(run)
+
+
+def test_case_51_estimator_raises(monkeypatch):
+    """So with the level filter."""
+    steps, real = [], estimator.step
+
+    def failing(*arguments):
+        steps.append(1)
+        if len(steps) == round(AT_S / T_S):
+            raise ValueError("singular")
+        return real(*arguments)
+
+    monkeypatch.setattr(estimator, "step", failing)
+    assert_failed_in_the_same_tick(play(story()))
+
+
+@pytest.mark.live
+def test_case_52_disk_full_in_the_run(tmp_path):
+    """No file may grow any more: control goes on, the event is there within two flushes, run.json keeps it."""
+    scenario, room = write_scenario(tmp_path, duration=12.0), 30_000
+    with (
+        emulator(tmp_path / "node.jsonl") as rig,
+        controller(scenario, rig.channel, tmp_path / "run", *PLAIN) as run,
+    ):
+        wait_for(lambda: (tmp_path / "run/events.jsonl").exists(), 40.0)
+        resource.prlimit(run.process.pid, resource.RLIMIT_FSIZE, (room, room))
+        assert run.wait(40.0) == 0, (run.out, run.err)
+        commands = rig.commanded()
+    gaps = [b["t_s"] - a["t_s"] for a, b in pairwise(commands)]
+    assert commands[-1]["t_s"] - commands[0]["t_s"] > 11.0
+    assert max(gaps) < RX_S, "control is unaffected"
+    manifest = run.json("run.json")
+    assert manifest["status"] == "complete"
+    assert any("can.log is lost" in error for error in manifest["recorder"]["errors"])
+    _, events = read(RunFolder.open(run.folder))
+    lost = next(event for event in events if event.code == "recorder_failed")
+    logged = sent_s_of_whole_lines(run.folder)
+    assert lost.t_s - (logged[-1] - logged[0]) <= 2 * 0.1 + 8192 / 5000, "two flushes, and what the file's buffer held"
+
+
+def sent_s_of_whole_lines(folder):
+    """As `sent_s`, of a file that may end in the midst of a line."""
+    log = folder / "can.log"
+    text = log.read_text()
+    log.write_text(text[: text.rindex("\n") + 1])
+    return sent_s(folder)
+
+
+PLAN = RunPlan(
+    scenario="stall", mode="live", seed=None, period_s=T_S, windows=(), reconfigure=True, settings={}, copies={}
+)
+
+
+def test_case_53_record_sink_stalls(tmp_path):
+    """A disk that answers no more: the queue stays within its cap, the oldest are dropped, no call is held up."""
+    folder = RunFolder.create(tmp_path / "run", PLAN)
+    inner = Recorder.open(folder)
+    recorder = QueuedRecorder(inner, capacity=2000, period_s=0.01).start()
+    stalled, go_on = threading.Event(), threading.Event()
+
+    def stall(*_):
+        stalled.set()
+        go_on.wait(30.0)
+
+    inner.frame = stall
+    data, took_s = bytes(7), []
+    try:
+        recorder.frame(0.0, 0x182, data)
+        assert stalled.wait(5.0)
+        for number in range(20_000):
+            began_s = time.perf_counter()
+            recorder.frame(0.001 * number, 0x182, data)
+            took_s.append(time.perf_counter() - began_s)
+        health = recorder.health()
+        assert health.waiting <= 2000
+        assert health.dropped == 20_000 - 2000
+        assert sorted(took_s)[int(0.999 * len(took_s))] < 0.1 * T_S, "a call costs far less than a tenth of a period"
+    finally:
+        go_on.set()
+    recorder.event(1.0, Event(Severity.INFO, "end", "over"))
+    recorder.close("complete", "")
+    assert folder.manifest().recorder["dropped"] >= 18_000
+
+
+def test_case_54_no_viewer_at_start(tmp_path, monkeypatch):
+    """There is no viewer, no screen and nothing to start one with: the timeline opens within 0.5 s all the same."""
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("PATH", "")
+    began_s = time.perf_counter()
+    log = RerunLog(
+        tmp_path / "run.rrd", RunCard("t", {}, ""), level_gain_V_cm=0.5, with_truth=False, blueprint=blueprint(10.0)
+    )
+    assert time.perf_counter() - began_s < 0.5
+    log.close()
+    assert (tmp_path / "run.rrd").stat().st_size > 0
+
+
+def test_case_48_busy_thread(tmp_path):
+    """A step that is not done in time is a stall, whatever keeps it busy: 0.4 s are enough for the watchdog."""
+    run = bench_in(tmp_path, stalls={at * MS: 400 * MS for at in (1000, 1500, 2000)})
+    outcome = run.run()
+    assert (outcome.status, outcome.reason) == ("tripped", "node_tripped")
+    assert [r.mode for r in run.ticks.records][-1] is Mode.TRIPPED
+    assert run.ticks.records[-1].command_V == OFF
+    run.assert_ended_at_rest()
