@@ -1,7 +1,7 @@
 """Interlocks at their limits, what they look at, and bypasses."""
 
 import math
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, fields, replace
 
 import pytest
 from hypothesis import given, settings
@@ -52,6 +52,22 @@ def test_only_what_the_diagnosis_or_a_counter_believes_can_be_bypassed():
     } == BYPASSABLE
 
 
+@pytest.mark.parametrize(
+    "record",
+    [LIMITS, NO_BELIEF, INTERLOCKS[0], RUNNING, supervisor._situation(LIMITS, RUNNING, HEALTHY, NOW_NS, NO_BELIEF)],
+    ids=lambda record: type(record).__name__,
+)
+def test_records_can_not_be_changed(record):
+    name = fields(record)[0].name
+    with pytest.raises(FrozenInstanceError):
+        setattr(record, name, getattr(record, name))
+    assert not hasattr(record, "__dict__")
+
+
+def test_before_the_loop_there_is_nothing_to_believe():
+    assert Belief(Diagnosis(), None, (0.0, 0.0), accommodates=False, open_share=(1.0, 1.0)) == NO_BELIEF
+
+
 def test_trips_stand_before_stops():
     reactions = [interlock.reaction for interlock in INTERLOCKS]
     assert reactions == sorted(reactions, key=lambda reaction: reaction is Reaction.STOP)
@@ -88,6 +104,9 @@ def test_the_model_takes_the_place_of_a_sensor_that_the_diagnosis_has_found_out(
     assert cause_of(bad, believing(found)) is None
     other = Diagnosis(trusted=doubted((channel + 1) % 4), level_V=REST_V)
     assert cause_of(bad, believing(other)) is TripCause.INVALID_LEVELS
+    for length, cause in ((2, None), (3, TripCause.INVALID_LEVELS)):
+        lengths[channel] = length
+        assert cause_of(runs(*lengths), believing(other)) is cause
     assert cause_of(bad, believing()) is TripCause.INVALID_LEVELS
 
 
@@ -161,6 +180,17 @@ def test_a_tank_that_would_still_rise_to_the_rim_trips_before_its_level_does(sid
     assert cause_of(standing_at(18.9, 18.9, side=side), limits=rim) is None
 
 
+@pytest.mark.parametrize("tank", [2, 3])
+def test_a_peak_just_at_the_margin_is_good(tank):
+    idle = but(HEALTHY, "pumps", applied_V=(0.0, 0.0))
+    limits = replace(LIMITS, level_max_cm=20.0, lag_s=0.0)
+    levels = [9.0] * 4
+    for volts, cause in ((9.75 - JUST, None), (9.75, None), (9.75 + JUST, TripCause.HIGH_LEVEL)):
+        levels[tank] = volts
+        inputs = but(idle, "measurement", level_V=(0.0, 0.0, *levels[2:]))
+        assert cause_of(inputs, limits=limits, state=replace(RUNNING, command_V=(0.0, 0.0))) is cause
+
+
 def test_what_the_pumps_still_deliver_counts_whoever_says_so():
     """Command, applied voltage and the lagging flow: the largest of them is on its way."""
     brim = but(standing_at(2.0, 18.9), "pumps", applied_V=(0.0, 0.0))
@@ -225,6 +255,12 @@ def test_a_dead_pump_stops_the_run_if_so_configured(theta):
 def test_counters_trip_at_their_limit(key, limit, cause):
     for count, expected in ((0, None), (limit - 1, None), (limit, cause), (limit + 1, cause)):
         assert cause_of(but(HEALTHY, "bus", **{key: count})) is expected
+
+
+@pytest.mark.parametrize(("is_lossy", "limit_s"), [(False, 0.25), (True, 0.75)])
+def test_a_heartbeat_may_be_three_times_as_old_on_a_bus_that_loses_frames(is_lossy, limit_s):
+    for age_s, cause in ((limit_s, None), (limit_s + JUST, TripCause.NODE_LOST)):
+        assert cause_of(but(HEALTHY, "nodes", age_s=age_s, is_lossy=is_lossy)) is cause
 
 
 @pytest.mark.parametrize("pump", [0, 1])
