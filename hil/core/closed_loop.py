@@ -149,6 +149,9 @@ def integrate(config: LoopConfig, state: LoopState, inputs: Inputs, command_V: P
     error = (state.law.target_V[0] - k * h1, state.law.target_V[1] - k * h2)
     short = inputs.pumps.shortfall_V
     excess = (state.raw_V[0] - command_V[0] + short[0], state.raw_V[1] - command_V[1] + short[1])
+    if state.law.standby_V != (None, None):
+        effective = state_feedback.effective_voltage(state.law, state.integral_Vs, state.level_cm)
+        excess = state_feedback.undelivered(state.law, effective, excess)
     return state_feedback.advance_integral(
         state.law, state.integral_Vs, error, excess, config.period_s, config.anti_windup_s
     )

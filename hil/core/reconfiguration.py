@@ -10,7 +10,8 @@ from hil.core.tanks import TankModel, equilibrium, linearise, nearest_reachable
 from hil.core.types import Pair, Quad
 
 LEAST_EFFECTIVENESS = 0.05
-"""A pump with less left than this is not asked to make up for it: v = (v0 + u)/theta stays bounded."""
+"""A pump with less left than this is dead: no feedback reaches it. It stands by at the voltage that a sound one would
+need, and shows there if it comes back."""
 
 LOWEST_LINEARISED_CM = 0.2
 """Eq. (3) has no time constant for an empty tank; below this level the gains no longer follow."""
@@ -22,6 +23,7 @@ class ControlLaw:
 
     operating_level_cm : (4,) x = h - this. operating_V : (2,) v0, for nominal pumps. target_V : (2,) outputs aimed at.
     effectiveness : (2,) what v = (v0 + u)/theta divides by. reason : why the target is not the reference; "" if it is.
+    standby_V : (2,) what a dead pump gets; None for one that works.
     """
 
     gains: Gains
@@ -30,6 +32,7 @@ class ControlLaw:
     target_V: Pair
     effectiveness: Pair
     reason: str
+    standby_V: tuple[float | None, float | None] = (None, None)
 
     @cached_property
     def pump_gain(self) -> tuple[float, ...]:
@@ -69,4 +72,15 @@ class Reconfiguration:
         levels = equilibrium(self.model, operating_V)
         h1, h2, h3, h4 = (max(h, LOWEST_LINEARISED_CM) for h in levels)
         gains = self.design.gains(linearise(self.model, (h1, h2, h3, h4)))
-        return ControlLaw(gains, levels, operating_V, target_V, theta, reachable.reason)
+        return ControlLaw(
+            gains, levels, operating_V, target_V, theta, reachable.reason, self._standby(effectiveness, wanted_cm)
+        )
+
+    def _standby(self, effectiveness: Pair, wanted_cm: Pair) -> tuple[float | None, float | None]:
+        if min(effectiveness) >= LEAST_EFFECTIVENESS:
+            return None, None
+        v1, v2 = nearest_reachable(self.model, wanted_cm, (self.limit_V, self.limit_V)).holding_V
+        return (
+            v1 if effectiveness[0] < LEAST_EFFECTIVENESS else None,
+            v2 if effectiveness[1] < LEAST_EFFECTIVENESS else None,
+        )

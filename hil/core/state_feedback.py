@@ -22,8 +22,23 @@ def effective_voltage(law: ControlLaw, integral_Vs: Pair, level_cm: Quad) -> Pai
 
 
 def pump_voltage(law: ControlLaw, effective_V: Pair) -> Pair:
-    """V = (v0 + u)/theta in V, still without limits."""
-    return effective_V[0] / law.effectiveness[0], effective_V[1] / law.effectiveness[1]
+    """V = (v0 + u)/theta in V, still without limits; a dead pump's stand-by voltage."""
+    v1, v2 = effective_V[0] / law.effectiveness[0], effective_V[1] / law.effectiveness[1]
+    if law.standby_V == (None, None):
+        return v1, v2
+    s1, s2 = law.standby_V
+    return v1 if s1 is None else s1, v2 if s2 is None else s2
+
+
+def undelivered(law: ControlLaw, effective_V: Pair, excess_V: Pair) -> Pair:
+    """What the pumps didn't get of the voltage asked for, V; of a dead one, all that would have had an effect."""
+    if law.standby_V == (None, None):
+        return excess_V
+    (s1, s2), (t1, t2) = law.standby_V, law.effectiveness
+    return (
+        excess_V[0] if s1 is None else effective_V[0] / t1,
+        excess_V[1] if s2 is None else effective_V[1] / t2,
+    )
 
 
 def bumpless_integral(law: ControlLaw, level_cm: Quad, effective_V: Pair) -> Pair:

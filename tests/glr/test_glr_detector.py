@@ -131,6 +131,28 @@ def test_a_pump_that_comes_back():
     assert story.last.diagnosis.effectiveness == (1.0, 1.0)
 
 
+def test_a_dead_pump_stands_by_the_other_does_what_it_can_and_all_is_well_when_it_comes_back():
+    """No feedback through a pump that doesn't move water, no windup, nothing latched at the end."""
+    story = play(50, 280.0, ((FAULT_S, lose(0.0, 1.0)), (170.0, lose(1.0, 1.0))))
+    dead, late = story.commands_V[1000:1700], story.true_V[1690]
+    assert max(v1 for v1, _ in dead) - min(v1 for v1, _ in dead) < 0.01
+    assert 2.0 < dead[0][0] < 4.0
+    assert late[:2] == pytest.approx(story.states[1690].law.target_V, abs=0.05)
+    assert named(story) == [("pump_effectiveness", 1)] * 2
+    assert story.settled()[1].is_recovery
+    assert story.true_V[-1][:2] == pytest.approx(story.last.reference_V, abs=0.05)
+
+
+@pytest.mark.parametrize("left", [(0.25, 1.0), (1.0, 0.2)])
+def test_a_pump_at_its_limit_does_not_latch(left):
+    story = play(51, 330.0, ((FAULT_S, lose(*left)), (200.0, lose(1.0, 1.0))))
+    weak = left.index(min(left))
+    held = [command[weak] for command in story.commands_V[1500:2000]]
+    assert min(held) > 8.0
+    assert story.true_V[1990][1 - weak] == pytest.approx(story.states[1990].law.target_V[1 - weak], abs=0.05)
+    assert story.true_V[-1][:2] == pytest.approx(story.last.reference_V, abs=0.05)
+
+
 def test_one_fault_after_the_other():
     faults = (
         (FAULT_S, lose(0.6, 1.0)),

@@ -47,8 +47,9 @@ def isolate(setup: Setup, m: Memory, suspicion: Suspicion) -> list[Alarm]:
     evidence = np.array([value if _is_possible(m, number) else NO_EVIDENCE for number, value in enumerate(r.evidence)])
     order = [int(number) for number in np.argsort(-evidence)]
     is_bias = order[0] != BOTH and BIAS <= JUMPS[order[0]].state < DRIFT
+    is_seen = m.now - int(r.onset[order[0]]) >= tuning.least_steps
     winner = None
-    if is_bias or m.now - int(r.onset[order[0]]) >= tuning.least_steps:
+    if is_seen or (is_bias and evidence[order[0]] - evidence[order[1]] >= tuning.jump_margin):
         winner = _leader(setup, m, evidence, order)
     if winner is None and m.t_s - suspicion.detected_s >= tuning.resolve_within_s:
         winner = order[0]
