@@ -32,6 +32,9 @@ kind = "pump_effectiveness"
 target = 1
 value = 0.7
 
+[diagnosis]
+method = "ideal"
+
 [[window]]
 name = "after_the_step"
 from_s = 2.0
@@ -76,7 +79,7 @@ class Emulator:
         return any(change["applied_V"] != [0.0, 0.0] for change in self.pump())
 
     def wait_until_it_runs(self, changes=5):
-        wait_for(lambda: len(self.commanded()) >= changes)
+        wait_for(lambda: len(self.commanded()) >= changes, timeout_s=40.0)  # a busy machine starts slowly
 
 
 @contextmanager
