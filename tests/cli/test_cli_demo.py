@@ -1,0 +1,44 @@
+"""`hil demo`: its runs can be built, and its tables say what the runs came to."""
+
+from io import StringIO
+
+from cli_bench import CONFIG
+from rich.console import Console
+
+from hil.campaign.cases import Case
+from hil.cli import demo
+from hil.cli.campaign_run import check
+from hil.cli.demo_tables import Figures, both
+from hil.review import table3
+
+
+def drawn(figures):
+    console = Console(file=StringIO(), width=90)
+    for part in both(figures, demo.RIGS):
+        console.print(part)
+    return console.file.getvalue()
+
+
+def row(text, *names):
+    """The cells of the one row of the last table that has these words."""
+    (line,) = (line for line in text.split("Nobody tells")[1].splitlines() if all(name in line for name in names))
+    return [cell.strip() for cell in line.strip("│").split("│")]
+
+
+def test_every_run_can_be_built_and_only_two_are_recorded(tmp_path):
+    jobs = demo._jobs(CONFIG, tmp_path)
+    for name, job in jobs.items():
+        check(Case("key", name, name, job.seed, job.story), CONFIG, name)
+    assert sorted(job.record.name for job in jobs.values() if job.record) == ["found", "kept"]
+    assert jobs["both recorded"].story["diagnosis"]["method"] == "glr", "the recording shows the diagnosis at work"
+
+
+def test_the_diagnosis_shows_its_median_over_the_rigs(tmp_path):
+    iae = dict.fromkeys(table3.TITLES, (5.0, 6.0))
+    figures = dict.fromkeys(demo._jobs(CONFIG, tmp_path), Figures(iae))
+    for seed, (y1, detected) in zip(demo.RIGS, ((0.1, 0.2), (0.3, None), (0.2, 0.4)), strict=True):
+        figures[f"both found {seed}"] = Figures({table3.GAIN_FALL: (y1, 0.5)}, detected, None, 0.012)
+    text = drawn(figures)
+    assert row(text, "found", "0.200") == ["", "found", "0.200", "0.500", "0.4 s", "–", "0.012"]
+    assert row(text, "both pumps") == ["both pumps", "kept", "5.000", "6.000", "–", "–", "–"]
+    assert "paper's table 3" in text
