@@ -64,6 +64,11 @@ def test_records_can_not_be_changed(record):
     assert not hasattr(record, "__dict__")
 
 
+def test_the_supervisor_begins_with_nothing():
+    assert Supervision() == Supervision(Mode.DISARMED, None, (0.0, 0.0), -1, (0.0, 0.0), (), "", clears_node=False)
+    assert supervisor._situation(LIMITS, RUNNING, HEALTHY, NOW_NS, NO_BELIEF).mismatch_s == 0.0
+
+
 def test_before_the_loop_there_is_nothing_to_believe():
     assert Belief(Diagnosis(), None, (0.0, 0.0), accommodates=False, open_share=(1.0, 1.0)) == NO_BELIEF
 
@@ -269,16 +274,18 @@ def test_a_node_that_does_not_apply_what_it_echoes_trips_after_a_while(pump, sig
     def short(volts):
         return but(HEALTHY, "pumps", shortfall_V=tuple(sign * volts if i == pump else 0.0 for i in (0, 1)))
 
-    state, _ = after(short(0.05), now_ns=0)
-    assert state.mismatch_since_ns == -1
-    state, _ = after(short(0.05 + JUST), state=state, now_ns=0)
-    assert state.mismatch_since_ns == 0
-    state, _ = after(short(0.3), state=state, now_ns=SECOND // 5)
-    assert (state.mode, state.mismatch_since_ns) == (Mode.RUNNING, 0)
-    again, _ = after(short(0.0), state=state, now_ns=SECOND // 5 + 1)
-    assert again.mismatch_since_ns == -1
-    assert again.mode is Mode.RUNNING
-    assert cause_of(short(0.3), state=state, now_ns=SECOND // 5 + 1) is TripCause.ECHO_MISMATCH
+    for begun_ns in (0, NOW_NS):
+        state, _ = after(short(0.05), now_ns=begun_ns)
+        assert state.mismatch_since_ns == -1
+        state, _ = after(short(0.05 + JUST), state=state, now_ns=begun_ns)
+        assert state.mismatch_since_ns == begun_ns
+        state, _ = after(short(0.3), state=state, now_ns=begun_ns + SECOND // 5)
+        assert (state.mode, state.mismatch_since_ns) == (Mode.RUNNING, begun_ns)
+        again, _ = after(short(0.0), state=state, now_ns=begun_ns + SECOND // 5 + 1)
+        assert again.mismatch_since_ns == -1
+        assert again.mode is Mode.RUNNING
+        late_ns = begun_ns + SECOND // 5 + 1000
+        assert cause_of(short(0.3), state=state, now_ns=late_ns) is TripCause.ECHO_MISMATCH
 
 
 # bypasses
@@ -346,6 +353,12 @@ def test_a_bypass_for_no_time_or_for_ever_is_refused(for_s):
     state, (event,) = after(replace(HEALTHY, requests=(bypass(for_s=for_s),)))
     assert state.bypasses == ()
     assert "is no time" in event.text
+
+
+def test_a_request_that_names_an_interlock_is_no_bypass_by_that():
+    wish = Request(Action.MANUAL, interlock=TripCause.DRY_RUN, for_s=5.0)
+    state, _ = after(replace(HEALTHY, requests=(wish,)))
+    assert (state.mode, state.bypasses) == (Mode.MANUAL, ())
 
 
 def test_a_bypassed_interlock_does_not_keep_the_rig_from_arming():
