@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from contextlib import ExitStack
 from functools import lru_cache
+from math import ceil
 from pathlib import Path
 
 from firmware_sim import settings as emulator_settings
@@ -31,6 +32,7 @@ from hil.edge.settings import SettingsError, validated
 from hil.loop import ControlLoop
 from hil.wire.contract import Contract
 
+STEP_TOLERANCE = 1e-9
 REST_NS = 500_000_000
 """How long the emulator goes on alone after a run, so that what it comes to rest at can be seen."""
 
@@ -87,7 +89,8 @@ def _run(case: Case, config_dir: Path, bound_s: outcome.Bound | None, started: T
 def information_bound(bench: Bench, reading_s: float) -> float | None:
     """Seconds that any detector needs for the scenario's faults; None when they aren't one jump that begins at once.
 
-    The pumps are taken to hold the reference that is in force when the fault begins.
+    The pumps are taken to hold the reference that is in force when the fault begins. What is known between two control
+    steps counts from the next one: no detector says anything before.
     """
     faults = bench.scenario.fault
     onsets = {fault.at_s for fault in faults}
@@ -107,7 +110,11 @@ def information_bound(bench: Bench, reading_s: float) -> float | None:
     levels_V = [at for at in reference_schedule(bench.scenario, bench.rig, "") if at[0] <= onset_s][-1][1]
     k = model.level_gain_V_cm
     holding_V = holding_voltages(model, (levels_V[0] / k, levels_V[1] / k))
-    return _bound(bench.rig, reading_s, tuple(sorted(jumps.items())), holding_V)
+    bound_s = _bound(bench.rig, reading_s, tuple(sorted(jumps.items())), holding_V)
+    if bound_s is None:
+        return None
+    period_s = bench.rig.control.period_s
+    return ceil((onset_s + bound_s) / period_s - STEP_TOLERANCE) * period_s - onset_s
 
 
 @lru_cache(maxsize=256)

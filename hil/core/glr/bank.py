@@ -13,10 +13,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.core.glr.hypotheses import JUMPS, H
-from hil.core.glr.process import BIAS, DRIFT, MOVING, Array, N, compiled
+from hil.core.glr.process import BIAS, DRIFT, MOVING, Array, Ints, N, compiled
 
 SLOTS = 48
 FRESH = 20
@@ -24,8 +23,6 @@ FRESH = 20
 
 PER_OCTAVE = 5
 OLDEST = 640
-
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,16 +6,21 @@ from math import sqrt
 
 import numpy as np
 
-from hil.core.glr import bank, replay, verdict
-from hil.core.glr.hypotheses import BOTH, JUMPS, PUMPS, H
+from hil.core.glr import process, replay, verdict
+from hil.core.glr.hypotheses import BIAS_PRIOR_V, BOTH, JUMPS, PUMPS, H
 from hil.core.glr.memory import Memory, Setup, Suspicion
 from hil.core.glr.process import BIAS, DRIFT, Array
+from hil.core.glr.replay import Replays
 from hil.core.types import Alarm
+
+ONSETS_AROUND = (-8, -4, -2, -1, 0, 1, 2, 4, 8)
+RIVALS = 2
+"""Onsets, in steps about the likeliest, and how many rivals of the leader get the same, before anything is settled."""
 
 NO_EVIDENCE = -1e300
 """Of what can't be; still a number, so that differences are."""
 
-FAR_BEHIND = 0.5
+FAR_BEHIND = 0.25
 """A hypothesis with less than this share of the leader's ratio has no onset worth its own replay."""
 
 
@@ -28,54 +33,74 @@ def suspect(m: Memory) -> None:
     """Raise an alarm: put one filter a hypothesis at the onset that the bank finds likeliest for it.
 
     Hypotheses that lag far behind begin at the leader's onset: theirs may be long ago, and long replays cost time.
+    If the leader may be a fault that is known already there is nothing to be said before the verdict.
     """
-    m.alarms += 1
-    m.suspicion = Suspicion(m.alarms, m.t_s)
     leader = int(np.argmax(m.ratio))
+    number = None
+    if not any(j in m.declared for j in jumps_of(leader)):
+        m.alarms += 1
+        number = m.alarms
+    m.suspicion = Suspicion(number, m.t_s)
     for number in range(H + 1):
         own = m.slot[number] >= 0 and m.ratio[number] >= FAR_BEHIND * m.statistic
         slot = int(m.slot[number if own else leader])
-        _begin(m, number, number, slot)
+        _begin(m, m.replays, number, number, slot)
 
 
 def isolate(setup: Setup, m: Memory, suspicion: Suspicion) -> list[Alarm]:
     """One step towards a verdict; the alarms that it has come to."""
     tuning, r = setup.tuning, m.replays
-    is_new = suspicion.detected_s == m.t_s
-    if _catch_up(setup, m, H + 1, tuning.replay_budget):
-        return [verdict.unresolved(m, suspicion, _likely_by_bank(setup, m))] if is_new else []
-    evidence = np.array([value if _is_possible(m, number) else NO_EVIDENCE for number, value in enumerate(r.evidence)])
-    order = [int(number) for number in np.argsort(-evidence)]
+    if _catch_up(setup, m, r, H + 1, tuning.replay_budget):
+        return _candidates(m, suspicion, _likely_by_bank(setup, m))
+    evidence, order = _evidence(m)
     is_bias = order[0] != BOTH and BIAS <= JUMPS[order[0]].state < DRIFT
     is_seen = m.now - int(r.onset[order[0]]) >= tuning.least_steps
     winner = None
     if is_seen or (is_bias and evidence[order[0]] - evidence[order[1]] >= tuning.jump_margin):
         winner = _leader(setup, m, evidence, order)
+    if winner is not None:
+        rivals = [n for n in order if n != winner and evidence[n] >= evidence[winner] - tuning.drop_margin]
+        for number in (winner, *rivals[:RIVALS]):
+            _sharpen(setup, m, number)
+        evidence, order = _evidence(m)
+        winner = _leader(setup, m, evidence, order)
     if winner is None and m.t_s - suspicion.detected_s >= tuning.resolve_within_s:
         winner = order[0]
     if winner is not None:
         return _settle(setup, m, suspicion, winner)
-    if not is_new:
-        return []
+    _drop(setup, m, evidence)
     likely = [number for number in order if evidence[number] >= evidence[order[0]] - tuning.margin]
-    return [verdict.unresolved(m, suspicion, likely + _likely_by_bank(setup, m))]
+    return _candidates(m, suspicion, likely + _likely_by_bank(setup, m))
 
 
-def _begin(m: Memory, row: int, number: int, slot: int) -> None:
+def _candidates(m: Memory, suspicion: Suspicion, likely: list[int]) -> list[Alarm]:
+    """The unresolved alarm, once."""
+    is_news = suspicion.number is not None and suspicion.detected_s == m.t_s
+    return [verdict.unresolved(m, suspicion, likely)] if is_news else []
+
+
+def _drop(setup: Setup, m: Memory, evidence: Array) -> None:
+    """Give up hypotheses that have fallen far behind; the pair of pumps is needed to judge a single one."""
+    r = m.replays
+    behind = evidence < evidence.max() - setup.tuning.drop_margin
+    r.dropped[behind & (m.now - r.onset > setup.tuning.least_steps)] = 1
+    r.dropped[BOTH] = 0
+
+
+def _begin(m: Memory, replays: Replays, row: int, number: int, slot: int) -> None:
     """Begin a replay of hypothesis `number`, its onset that of a slot of the bank."""
     reach = np.zeros(4)
     for j in jumps_of(number):
         energy = m.bank.energy[j, slot]
         size = min(max(m.bank.match[j, slot] / energy, -1.0), 1.0) if energy > 0.0 else 0.0
         reach += size * m.A[:4, JUMPS[j].state]
-    m.replays.begin(row, number, m.history, slot, int(m.bank.onset[slot]), reach)
+    replays.begin(row, number, m.history, slot, int(m.bank.onset[slot]), reach)
 
 
-def _catch_up(setup: Setup, m: Memory, rows: int, budget: int) -> int:
-    r = m.replays
-    return replay.catch_up(
+def _catch_up(setup: Setup, m: Memory, r: Replays, rows: int, budget: int) -> int:
+    return process.catch_up(
         setup.c, setup.walk, m.history.entries, m.history.none, r.x, r.P, r.evidence, r.seen, r.onset, m.now,
-        budget, r.bias, rows,
+        budget, r.bias, r.dropped, rows, BIAS_PRIOR_V**2,
     )  # fmt: skip
 
 
@@ -113,34 +138,40 @@ def _leader(setup: Setup, m: Memory, evidence: Array, order: list[int]) -> int |
 def _settle(setup: Setup, m: Memory, suspicion: Suspicion, winner: int) -> list[Alarm]:
     """The winner's filter becomes the filter."""
     r = m.replays
-    row = _refine(setup, m, winner)
     m.suspicion = None
-    m.x[:], m.P[:] = r.x[row], r.P[row]
-    before, onset = r.before[row].copy(), int(r.onset[row])
+    m.x[:], m.P[:] = r.x[winner], r.P[winner]
+    before, onset = r.before[winner].copy(), int(r.onset[winner])
     _loosen(setup, m, winner, before)
-    alarms = []
-    for index, j in enumerate(jumps_of(winner)):
-        m.alarms += index
-        alarms.append(verdict.declare(setup, m, j, before, onset, suspicion, m.alarms if index else suspicion.number))
+    alarms = [verdict.declare(setup, m, j, before, onset, suspicion) for j in jumps_of(winner)]
     m.restart_bank()
     m.verdicts_s = (*m.verdicts_s, m.t_s)[-setup.tuning.verdicts_max :]
     return alarms
 
 
-def _refine(setup: Setup, m: Memory, winner: int) -> int:
-    """Try the onsets around the winner's own; the row of the replay that explains the readings best.
+def _sharpen(setup: Setup, m: Memory, number: int) -> None:
+    """Try onsets around that of a hypothesis; the replay that explains the readings best takes its place.
 
     Each is judged against no jump from its own onset on, so that the ratios compare as they are.
     """
-    onset = int(m.replays.onset[winner])
-    slots = sorted((s for s in range(bank.SLOTS) if m.bank.onset[s] >= 0), key=lambda s: abs(m.bank.onset[s] - onset))
-    near = [s for s in slots[: setup.tuning.refined_onsets] if m.bank.onset[s] < m.now - 1]
-    if m.now - onset >= replay.RING - 64 or all(m.bank.onset[s] != onset for s in near):
-        return winner
+    r, scratch = m.replays, m.scratch
+    onset = int(r.onset[number])
+    slot_of = {int(at): slot for slot, at in enumerate(m.bank.onset) if at >= 0}
+    near = [slot_of[onset + by] for by in ONSETS_AROUND if onset + by in slot_of and onset + by < m.now - 1]
+    if not near or m.now - onset >= replay.RING - 64:
+        return
     for row, slot in enumerate(near):
-        _begin(m, row, winner, slot)
-    _catch_up(setup, m, len(near), 1 << 40)
-    return int(np.argmax(m.replays.evidence[: len(near)]))
+        _begin(m, scratch, row, number, slot)
+    _catch_up(setup, m, scratch, len(near), 1 << 40)
+    best = int(np.argmax(scratch.evidence[: len(near)]))
+    if scratch.evidence[best] > r.evidence[number]:
+        r.take(number, scratch, best)
+
+
+def _evidence(m: Memory) -> tuple[Array, list[int]]:
+    """(H + 1,) log-likelihood ratios, those of what can't be at the very bottom; the numbers, the likeliest first."""
+    ratios = enumerate(m.replays.evidence)
+    evidence = np.array([value if _is_possible(m, number) else NO_EVIDENCE for number, value in ratios])
+    return evidence, [int(number) for number in np.argsort(-evidence)]
 
 
 def _loosen(setup: Setup, m: Memory, winner: int, before: Array) -> None:

@@ -8,10 +8,10 @@ from math import nan
 import numpy as np
 
 from hil.core.glr import bank, process
-from hil.core.glr.bank import Bank, Ints
+from hil.core.glr.bank import Bank
 from hil.core.glr.channels import Channel
 from hil.core.glr.hypotheses import JUMPS, H
-from hil.core.glr.process import BIAS, DRIFT, GAIN, LAG, LEAK, LEVEL, MOVING, PUMP, Array, N
+from hil.core.glr.process import BIAS, DRIFT, GAIN, LAG, LEAK, LEVEL, MOVING, PUMP, Array, Ints, N
 from hil.core.glr.replay import RING, History, Replays
 from hil.core.glr.tuning import Tuning
 from hil.core.tanks import TankModel
@@ -44,9 +44,9 @@ class Setup:
 
 @dataclass(frozen=True, slots=True)
 class Suspicion:
-    """An alarm that is not resolved yet: its number and time."""
+    """An alarm that is not resolved yet: its number, None as long as it may be about a fault that has one; its time."""
 
-    number: int
+    number: int | None
     detected_s: float
 
 
@@ -70,11 +70,18 @@ class Probation:
 
 @dataclass(slots=True)
 class Declared:
-    """A fault that has been declared. size : the jump in the filter's own unit, since the state was sound."""
+    """A fault that has been declared.
+
+    size : the jump in the filter's own unit, since the state was sound. number, detected_s : of its alarm. declared_s :
+    when.
+    """
 
     kind: str
     size: float
     sound: float
+    number: int
+    detected_s: float
+    declared_s: float
 
 
 @dataclass(eq=False)
@@ -83,9 +90,10 @@ class Memory:
 
     A, K, white, innovation : what the last filter step left behind, see `process.step`. scale : (4,) by how much the
     innovations' variance exceeds what the sensors' noise explains. ratio, slot : the bank's best, by hypothesis.
-    declared : by place in JUMPS. usable : whether the filter takes a sensor's readings in. agrees : for how many steps
-    a lost sensor has agreed with the filter. surprise : running mean square of the whitened innovations. verdicts_s :
-    run times of the latest verdicts.
+    declared : by place in JUMPS. scratch : room for trying onsets. usable : whether the filter takes a sensor's
+    readings in. lost : kind and number of those that it doesn't. agrees : for how many steps a lost sensor has agreed
+    with the filter. noisy : numbers of the alarms of noisy sensors. surprise : running mean square of the whitened
+    innovations. verdicts_s : run times of the latest verdicts.
     """
 
     x: Array
@@ -96,6 +104,7 @@ class Memory:
     bank: Bank = field(default_factory=Bank.empty)
     history: History = field(default_factory=History.empty)
     replays: Replays = field(default_factory=Replays.empty)
+    scratch: Replays = field(default_factory=Replays.empty)
     times_s: list[float] = field(default_factory=lambda: [nan] * RING)
     A: Array = field(default_factory=lambda: np.zeros((MOVING, N)))
     K: Array = field(default_factory=lambda: np.zeros((N, 4)))

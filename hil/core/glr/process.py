@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from hil.core.tanks import TankModel
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 F = TypeVar("F", bound=Callable[..., Any])
 
 N = 26
@@ -46,8 +47,14 @@ SHALLOW_CM = 0.05
 
 
 def compiled(function: F) -> F:
-    """Compile with numba, keeping the result on disk for the next process."""
-    return cast(F, numba.njit(cache=True, error_model="numpy")(function))
+    """Compile with numba, keeping the result on disk for the next process where there is a place for it.
+
+    numba looks for changes in the file of the function alone: what is compiled into another stands in the same file.
+    """
+    try:
+        return cast(F, numba.njit(cache=True, error_model="numpy")(function))
+    except RuntimeError:  # no folder that can be written to
+        return cast(F, numba.njit(error_model="numpy")(function))
 
 
 def constants(model: TankModel, lag_s: float) -> Array:
@@ -315,3 +322,51 @@ def learn_scale(entry: Array, white: Array, innovation: Array, scale: Array, pac
             grown = scale[i] * np.exp(pace * (min(square, LARGEST_SQUARE) - 1.0))
             scale[i] = min(max(grown, 1.0), LARGEST_SCALE)
     return total / count if count > 0 else -1.0
+
+
+@compiled
+def catch_up(
+    c: Array,
+    walk: Array,
+    entries: Array,
+    none: Array,
+    x: Array,
+    P: Array,
+    evidence: Array,
+    seen: Ints,
+    onset: Ints,
+    now: int,
+    budget: int,
+    jumping_bias: Ints,
+    dropped: Ints,
+    rows: int,
+    bias_variance: float,
+) -> int:
+    """Take the first `rows` filters on towards step `now`, by at most `budget` filter steps; how many are still to do.
+
+    entries, none : the history's, see `replay.History`; the others those of `replay.Replays`.
+
+    In the period in which a bias begins, the mean of that sensor's readings holds part of it only: what is learned of
+    the bias there is forgotten.
+    """
+    A = np.zeros((MOVING, x.shape[1]))
+    K = np.zeros((x.shape[1], 4))
+    white = np.zeros((4, 4))
+    innovation = np.zeros(4)
+    left = 0
+    for j in range(rows):
+        if dropped[j]:
+            continue
+        while seen[j] < now and budget > 0:
+            seen[j] += 1
+            budget -= 1
+            at = seen[j] % entries.shape[0]
+            entry = entries[at]
+            evidence[j] += step(c, walk, x[j], P[j], entry, A, K, white, innovation) - none[at]
+            if jumping_bias[j] >= 0 and seen[j] == onset[j] + 1:
+                state = BIAS + jumping_bias[j]
+                P[j, state, :] = 0.0
+                P[j, :, state] = 0.0
+                P[j, state, state] = bias_variance
+        left += now - seen[j]
+    return left

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.core.glr import bank, process
-from hil.core.glr.bank import SLOTS, Ints
-from hil.core.glr.hypotheses import BIAS_PRIOR_V, BOTH, JUMPS, PUMPS, H
-from hil.core.glr.process import BIAS, MOVING, Array, N, compiled
+from hil.core.glr import bank
+from hil.core.glr.bank import SLOTS
+from hil.core.glr.hypotheses import BOTH, JUMPS, PUMPS, H
+from hil.core.glr.process import BIAS, Array, Ints, N
 
 RING = bank.OLDEST + 64
 """Steps of history that are kept: a little more than the oldest onset needs."""
@@ -48,6 +48,7 @@ class Replays:
     x : (H + 1, N). P : (H + 1, N, N). evidence : (H + 1,) log-likelihood ratio against no jump. seen : (H + 1,) the
     last step that the filter has taken in. onset : (H + 1,) the step at which its jump begins. before : (H + 1, N) the
     state at the onset. bias : (H + 1,) the sensor whose bias jumps, from 0; -1 for none.
+    dropped : (H + 1,) 1 for those that have fallen too far behind to be worth their time.
     """
 
     x: Array
@@ -57,6 +58,7 @@ class Replays:
     onset: Ints
     before: Array
     bias: Ints
+    dropped: Ints
 
     @classmethod
     def empty(cls) -> Replays:
@@ -70,6 +72,7 @@ class Replays:
             np.zeros(n, dtype=np.int64),
             np.zeros((n, N)),
             np.full(n, -1, dtype=np.int64),
+            np.zeros(n, dtype=np.int64),
         )
 
     def begin(self, row: int, number: int, history: History, slot: int, onset: int, reach: Array) -> None:
@@ -86,45 +89,9 @@ class Replays:
         self.evidence[row] = 0.0
         self.seen[row] = self.onset[row] = onset
         self.bias[row] = JUMPING_BIAS[number]
+        self.dropped[row] = 0
 
-
-@compiled
-def catch_up(
-    c: Array,
-    walk: Array,
-    entries: Array,
-    none: Array,
-    x: Array,
-    P: Array,
-    evidence: Array,
-    seen: Ints,
-    onset: Ints,
-    now: int,
-    budget: int,
-    jumping_bias: Ints,
-    rows: int,
-) -> int:
-    """Take the first `rows` filters on towards step `now`, by at most `budget` filter steps; how many are still to do.
-
-    In the period in which a bias begins, the mean of that sensor's readings holds part of it only: what is learned of
-    the bias there is forgotten.
-    """
-    A = np.zeros((MOVING, x.shape[1]))
-    K = np.zeros((x.shape[1], 4))
-    white = np.zeros((4, 4))
-    innovation = np.zeros(4)
-    left = 0
-    for j in range(rows):
-        while seen[j] < now and budget > 0:
-            seen[j] += 1
-            budget -= 1
-            at = seen[j] % entries.shape[0]
-            entry = entries[at]
-            evidence[j] += process.step(c, walk, x[j], P[j], entry, A, K, white, innovation) - none[at]
-            if jumping_bias[j] >= 0 and seen[j] == onset[j] + 1:
-                state = BIAS + jumping_bias[j]
-                P[j, state, :] = 0.0
-                P[j, :, state] = 0.0
-                P[j, state, state] = BIAS_PRIOR_V**2
-        left += now - seen[j]
-    return left
+    def take(self, row: int, other: Replays, its_row: int) -> None:
+        """Replace a row by one of another's."""
+        for name in ("x", "P", "evidence", "seen", "onset", "before", "bias", "dropped"):
+            getattr(self, name)[row] = getattr(other, name)[its_row]

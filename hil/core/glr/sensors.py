@@ -98,9 +98,10 @@ def _lose(setup: Setup, m: Memory, i: int, kind: str, back: int) -> Alarm:
                 setup.c, setup.walk, m.x, m.P, entry, m.A, m.K, m.white, m.innovation
             )
     suspicion, m.suspicion = m.suspicion, None
-    if suspicion is None:
+    number, detected_s = (suspicion.number, suspicion.detected_s) if suspicion else (None, m.t_s)
+    if number is None:
         m.alarms += 1
-    number, detected_s = (suspicion.number, suspicion.detected_s) if suspicion else (m.alarms, m.t_s)
+        number = m.alarms
     m.lost[i] = (kind, number)
     m.bank.clear()
     m.statistic = 0.0

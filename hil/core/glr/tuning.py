@@ -22,8 +22,10 @@ class Tuning:
     believed noise follows innovations that are larger than expected. calm : below this ratio it may.
 
     size_doubt, prior_doubt : how wrong an isolated size may be for reasons that its variance doesn't know, as shares
-    of itself and of its prior. refined_onsets : how many onsets around the likeliest are tried at the end.
-    replay_budget : filter steps of the replays in one control period; what is left waits for the next.
+    of itself and of its prior.
+    drop_margin : a hypothesis so far behind the likeliest is replayed no further. sharpen_s : a fault told again within
+    so long is the same one, told better. replay_budget : filter steps of the replays in one control period; what is
+    left waits for the next.
     probation_s : for so long a pump's loss is held against "stuck at some flow". readmit_s : a lost sensor that agrees
     with the model for so long is trusted again. diverged : mean square of the whitened innovations that nothing
     explains, over diverged_s; so many verdicts within that time (verdicts_max) explain nothing either.
@@ -48,7 +50,8 @@ class Tuning:
 
     size_doubt: float = 0.1
     prior_doubt: float = 0.05
-    refined_onsets: int = 5
+    drop_margin: float = 50.0
+    sharpen_s: float = 3.0
     replay_budget: int = 600
     probation_s: float = 10.0
     readmit_s: float = 5.0

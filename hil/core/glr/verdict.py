@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import nan, sqrt
 
 from hil.core.glr.hypotheses import BOTH, JUMPS, PUMPS
@@ -17,7 +18,7 @@ RECOVERED_PUMP = 0.03
 """A pump is back when its effectiveness is this close to 1."""
 
 
-def declare(setup: Setup, m: Memory, j: int, before: Array, onset: int, suspicion: Suspicion, number: int) -> Alarm:
+def declare(setup: Setup, m: Memory, j: int, before: Array, onset: int, suspicion: Suspicion) -> Alarm:
     """Note that state j of JUMPS has jumped, from what it was before to what the filter now says; the alarm."""
     jump = JUMPS[j]
     now, std = float(m.x[jump.state]), sqrt(max(m.P[jump.state, jump.state], 0.0))
@@ -29,21 +30,43 @@ def declare(setup: Setup, m: Memory, j: int, before: Array, onset: int, suspicio
     is_recovery = known is not None and abs(total) < max(RECOVERED_STDS * std, least)
     shown, unit = _shown(setup, m, j, sound)
     onset_s = m.time_of(onset)
+    number, detected_s = _number(setup, m, known, suspicion, is_recovery=is_recovery)
     if is_recovery:
         del m.declared[j]
         if jump.state >= LEAK:
             m.forget(jump.state)
     else:
-        m.declared[j] = Declared(kind, total, sound)
+        m.declared[j] = Declared(kind, total, sound, number, detected_s, m.t_s)
     if kind == "sensor_drift" and not is_recovery:
         _give_up(m, jump.target - 1, kind, number)
     if j in PUMPS:
         is_loss = not is_recovery and kind == "pump_effectiveness"
-        m.probation = _probation(setup, m, j, number, suspicion, onset_s) if is_loss else None
+        m.probation = _probation(setup, m, j, number, detected_s, onset_s) if is_loss else None
     return Alarm(
-        suspicion.detected_s, kind, jump.target, shown, std * unit, onset_s, m.t_s, (f"{kind} {jump.target}",), number,
+        suspicion.detected_s if is_recovery else detected_s,
+        kind,
+        jump.target,
+        shown,
+        std * unit,
+        onset_s,
+        m.t_s,
+        (f"{kind} {jump.target}",),
+        number,
         is_recovery,
-    )  # fmt: skip
+    )
+
+
+def _number(
+    setup: Setup, m: Memory, known: Declared | None, suspicion: Suspicion, *, is_recovery: bool
+) -> tuple[int, float]:
+    """Number and time of the alarm: those of the fault that is over, or is only told better, or else new ones."""
+    if known is not None and (is_recovery or m.t_s - known.declared_s < setup.tuning.sharpen_s):
+        return known.number, known.detected_s
+    number, taken = suspicion.number, {fault.number for fault in m.declared.values()}
+    if number is None or number in taken:
+        m.alarms += 1
+        number = m.alarms
+    return number, suspicion.detected_s
 
 
 def unresolved(m: Memory, suspicion: Suspicion, numbers: list[int]) -> Alarm:
@@ -60,7 +83,7 @@ def unresolved(m: Memory, suspicion: Suspicion, numbers: list[int]) -> Alarm:
                 names[f"{kind} {JUMPS[j].target}"] = None
     onset_s = m.time_of(int(m.replays.onset[numbers[0]])) if numbers else nan
     return Alarm(
-        suspicion.detected_s, UNRESOLVED, 0, nan, onset_s=onset_s, candidates=tuple(names), number=suspicion.number
+        suspicion.detected_s, UNRESOLVED, 0, nan, onset_s=onset_s, candidates=tuple(names), number=suspicion.number or 0
     )
 
 
@@ -87,7 +110,7 @@ def watch_probation(setup: Setup, m: Memory, log_likelihood: float, stuck_likeli
         return []
     m.probation = None
     fault = m.declared[p.pump]
-    m.declared[p.pump] = Declared("pump_stuck_on", fault.size, fault.sound)
+    m.declared[p.pump] = replace(fault, kind="pump_stuck_on")
     flow_V = float(p.x[GAIN + p.pump] * p.x[PUMP + p.pump]) / fault.sound
     name = f"pump_stuck_on {p.pump + 1}"
     return [Alarm(p.detected_s, "pump_stuck_on", p.pump + 1, flow_V, nan, p.onset_s, m.t_s, (name,), p.number)]
@@ -123,10 +146,10 @@ def _give_up(m: Memory, sensor: int, kind: str, number: int) -> None:
         del m.declared[j]
 
 
-def _probation(setup: Setup, m: Memory, pump: int, number: int, suspicion: Suspicion, onset_s: float) -> Probation:
+def _probation(setup: Setup, m: Memory, pump: int, number: int, detected_s: float, onset_s: float) -> Probation:
     x = m.x.copy()
     voltage_V = max(float(m.entry[pump]), 0.1)
     x[GAIN + pump] *= float(x[PUMP + pump]) / voltage_V
     x[PUMP + pump] = voltage_V
     until_s = m.t_s + setup.tuning.probation_s
-    return Probation(pump, number, suspicion.detected_s, onset_s, until_s, voltage_V, x, m.P.copy())
+    return Probation(pump, number, detected_s, onset_s, until_s, voltage_V, x, m.P.copy())
