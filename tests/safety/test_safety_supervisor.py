@@ -261,7 +261,7 @@ def test_commands_change_by_20_volts_a_second_at_most(mode, wanted, passed):
     assert state.command_V == command.voltage_V
 
 
-@settings(max_examples=100)
+@settings(max_examples=100, deadline=None)
 @given(
     st.lists(st.tuples(st.floats(allow_nan=False, allow_infinity=False), st.floats(-20, 20)), max_size=20),
     st.floats(0.001, 1.0),

@@ -115,7 +115,7 @@ def test_a_command_that_is_no_voltage_of_a_pump_is_never_put_on_the_wire(volts):
     assert DATABASE.decode_message("PumpCommand", sender.encode(go(), 0))["Counter"] == 0
 
 
-@settings(max_examples=100)
+@settings(max_examples=100, deadline=None)
 @given(st.binary(max_size=64))
 def test_crc_is_that_of_autosar(data):
     assert crc8(data) == Crc8Autosar.calc(data)
