@@ -143,9 +143,6 @@ def test_case_35_what_is_no_number(where, number):
     assert all(tick.command_V == OFF for tick in run.from_s(5.0))
 
 
-@pytest.mark.xfail(
-    reason="called garbage in the third step, after 11 samples; before that it is a bias for a step or two"
-)
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_case_36_sensor_garbage(sensor):
     """Codes from the whole range, each with a good status: invalid by the third sample."""

@@ -92,8 +92,8 @@ class Channel:
         return self.noisy_periods >= NOISY_PERIODS
 
     def is_garbage(self) -> bool:
-        """Whether there is no signal in the readings at all."""
-        return self.is_noisy() and self.loud_V2 > GARBAGE_V**2
+        """Whether there is no signal in the readings at all; that shows in one period."""
+        return self.noisy_periods > 0 and self.newest_V2 > GARBAGE_V**2
 
     def accept_noise(self) -> None:
         """Believe the sensor to be as noisy as it has lately been."""
