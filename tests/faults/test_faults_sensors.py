@@ -44,6 +44,22 @@ def test_case_31_sensor_stuck(sensor):
     assert_substituted(run, sensor, found.isolated_s)
 
 
+EARLY_SEEN = (
+    "named a leak or a block first, which stays when the sensor is found stuck: the model is then 6 to 7 cm off"
+)
+EARLY = [(1575, 1.457646, 2), (1, 1.37, 2), (5, 2.85, 2)]
+
+
+@pytest.mark.xfail(reason=EARLY_SEEN)
+@pytest.mark.parametrize(("seed", "at_s", "sensor"), EARLY)
+def test_case_31_sensor_stuck_while_levels_still_move(seed, at_s, sensor):
+    """In the first seconds, while the levels run: the same, and whatever was suspected before is taken back."""
+    run = play(watched(fault("sensor_stuck", at_s, sensor)), seed=seed)
+    assert_no_trip(run)
+    assert run.finding(f"sensor_stuck {sensor}").isolated_s <= at_s + 5.0
+    assert_substituted(run, sensor, at_s + 5.0)
+
+
 @pytest.mark.parametrize("rate_V_s", [*first(1, 0.05, 0.01, -0.02, 0.02, -0.05), FAST_DRIFT])
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_case_32_sensor_drifts(sensor, rate_V_s):
