@@ -50,7 +50,6 @@ EARLY_SEEN = (
 EARLY = [(1575, 1.457646, 2), (1, 1.37, 2), (5, 2.85, 2)]
 
 
-@pytest.mark.xfail(reason=EARLY_SEEN)
 @pytest.mark.parametrize(("seed", "at_s", "sensor"), EARLY)
 def test_case_31_sensor_stuck_while_levels_still_move(seed, at_s, sensor):
     """In the first seconds, while the levels run: the same, and whatever was suspected before is taken back."""

@@ -2,7 +2,8 @@
 
 Stuck: the same code again and again. How often a sound sensor repeats itself depends on its noise against its
 converter's steps, so that share is learned; a run is called stuck when a sound sensor would show it less than once
-in STUCK_ODDS readings. A sensor without noise repeats itself all the time and can't be judged this way.
+in STUCK_ODDS readings, doubtful from DOUBTFUL_ODDS on. It also depends on where the signal lies between two codes, so
+a run must be LONGER_THAN_EVER, too. A sensor without noise can't be judged this way.
 Open: readings that are out of range or disowned by the node, OPEN_RUN in a row.
 Noisy: the jitter of the readings within a control period, far above the variance that was learned.
 """
@@ -10,15 +11,15 @@ Noisy: the jitter of the readings within a control period, far above the varianc
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import ceil, isfinite, log
+from math import isfinite, log
 
 from hil.core.types import Measurement
 
-STUCK_ODDS = 1e11
+STUCK_ODDS, DOUBTFUL_ODDS = 1e11, 1e3
+LONGER_THAN_EVER = 2
 LONGEST_RUN = 100
 """If a sound sensor may well repeat itself so often, the test says nothing."""
 
-SHORT_RUN = 8
 OPEN_RUN = 3
 PRIOR_READINGS = 40.0
 MEMORY_READINGS = 3000.0
@@ -43,14 +44,17 @@ GARBAGE_V = 0.3
 class Channel:
     """What has been learned of one sensor; changes in place.
 
-    variance_V2 : of one reading, as learned. repeat_share : how often a reading equals the one before. noisy_periods :
-    how many in a row were out of the ordinary. loud_V2 : mean variance of those. sound_V2 : the variance before the
-    sensor was called noisy, 0 while it isn't. newest_V2 : of the last period that was.
+    variance_V2 : of one reading, as learned. repeat_share : how often a reading equals the one before.
+    longest_run, last_run : of equal readings, the longest before the present one, and up to the last period.
+    noisy_periods : how many in a row were out of the ordinary. loud_V2 : mean variance of those. sound_V2 : the
+    variance before the sensor was called noisy, 0 while it isn't. newest_V2 : of the last period that was.
     """
 
     variance_V2: float
     weight: float = PRIOR_READINGS
     repeat_share: float = 0.2
+    longest_run: int = 0
+    last_run: int = 0
     noisy_periods: int = 0
     loud_V2: float = 0.0
     sound_V2: float = 0.0
@@ -66,6 +70,10 @@ class Channel:
         variance, jitter, n = measurement.variance_V2[index], measurement.jitter_V2[index], measurement.readings
         if not isfinite(variance) or n < 2:
             return
+        run = measurement.repeats[index]
+        if is_used and run <= self.last_run:
+            self.longest_run = max(self.longest_run, self.last_run)
+        self.last_run = run
         sound_V2 = max(self.variance_V2, LEAST_VARIANCE_V2)
         if jitter > NOISY_JITTER * sound_V2:
             self.noisy_periods += 1
@@ -81,11 +89,20 @@ class Channel:
 
     def is_stuck(self, measurement: Measurement, index: int) -> bool:
         """Whether the run of equal readings is too long for chance."""
-        if measurement.repeats[index] < SHORT_RUN:
-            return False
-        share = min(max(self.repeat_share, 0.05), 0.95)
-        run = max(ceil(-log(STUCK_ODDS) / log(share)), SHORT_RUN)
+        run = self._stuck_run()
         return run <= LONGEST_RUN and measurement.repeats[index] >= run
+
+    def may_be_stuck(self, measurement: Measurement, index: int) -> bool:
+        """Whether the run of equal readings makes one wait for the next ones."""
+        run = max(self._run_beyond(DOUBTFUL_ODDS), self.longest_run)
+        return self._stuck_run() <= LONGEST_RUN and measurement.repeats[index] >= run
+
+    def _stuck_run(self) -> float:
+        return max(self._run_beyond(STUCK_ODDS), LONGER_THAN_EVER * self.longest_run)
+
+    def _run_beyond(self, odds: float) -> float:
+        """How long a run of equal readings a sound sensor shows less than once in so many readings."""
+        return -log(odds) / log(min(max(self.repeat_share, 0.05), 0.95))
 
     def is_noisy(self) -> bool:
         """Whether the readings have been out of the ordinary for long enough."""

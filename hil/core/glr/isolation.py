@@ -7,8 +7,9 @@ from math import sqrt
 import numpy as np
 
 from hil.core.glr import process, replay, verdict
+from hil.core.glr.bank import SLOTS
 from hil.core.glr.hypotheses import BIAS_PRIOR_V, BOTH, JUMPS, PUMPS, H
-from hil.core.glr.memory import Memory, Setup, Suspicion
+from hil.core.glr.memory import Checkpoint, Memory, Setup, Suspicion
 from hil.core.glr.process import BIAS, DRIFT, Array
 from hil.core.glr.replay import Replays
 from hil.core.types import Alarm
@@ -16,6 +17,9 @@ from hil.core.types import Alarm
 ONSETS_AROUND = (-8, -4, -2, -1, 0, 1, 2, 4, 8)
 RIVALS = 2
 """Onsets, in steps about the likeliest, and how many rivals of the leader get the same, before anything is settled."""
+
+CHECKPOINT_STEPS = 10
+"""So long before the onset of what is declared is the filter that one can go back to."""
 
 NO_EVIDENCE = -1e300
 """Of what can't be; still a number, so that differences are."""
@@ -56,7 +60,9 @@ def isolate(setup: Setup, m: Memory, suspicion: Suspicion) -> list[Alarm]:
     is_bias = order[0] != BOTH and BIAS <= JUMPS[order[0]].state < DRIFT
     is_seen = m.now - int(r.onset[order[0]]) >= tuning.least_steps
     winner = None
-    if is_seen or (is_bias and evidence[order[0]] - evidence[order[1]] >= tuning.jump_margin):
+    if m.is_doubtful:
+        pass  # some readings more, and a sensor may be found stuck: then it is none of these
+    elif is_seen or (is_bias and evidence[order[0]] - evidence[order[1]] >= tuning.jump_margin):
         winner = _leader(setup, m, evidence, order)
     if winner is not None:
         rivals = [n for n in order if n != winner and evidence[n] >= evidence[winner] - tuning.drop_margin]
@@ -139,13 +145,23 @@ def _settle(setup: Setup, m: Memory, suspicion: Suspicion, winner: int) -> list[
     """The winner's filter becomes the filter."""
     r = m.replays
     m.suspicion = None
-    m.x[:], m.P[:] = r.x[winner], r.P[winner]
     before, onset = r.before[winner].copy(), int(r.onset[winner])
+    m.checkpoint = _checkpoint(m, onset)
+    m.x[:], m.P[:] = r.x[winner], r.P[winner]
     _loosen(setup, m, winner, before)
     alarms = [verdict.declare(setup, m, j, before, onset, suspicion) for j in jumps_of(winner)]
     m.restart_bank()
     m.verdicts_s = (*m.verdicts_s, m.t_s)[-setup.tuning.verdicts_max :]
     return alarms
+
+
+def _checkpoint(m: Memory, onset: int) -> Checkpoint:
+    """The filter as it was before a fault began, with some steps in hand."""
+    b = m.bank
+    slots = [s for s in range(SLOTS) if b.onset[s] >= 0]
+    early = [s for s in slots if b.onset[s] <= onset - CHECKPOINT_STEPS]
+    slot = max(early, key=lambda s: int(b.onset[s])) if early else min(slots, key=lambda s: int(b.onset[s]))
+    return Checkpoint(onset, int(b.onset[slot]), m.history.x[slot].copy(), m.history.P[slot].copy(), dict(m.declared))
 
 
 def _sharpen(setup: Setup, m: Memory, number: int) -> None:

@@ -84,6 +84,21 @@ class Declared:
     declared_s: float
 
 
+@dataclass(frozen=True, eq=False)
+class Checkpoint:
+    """The filter some steps before a fault that has been declared, to go back to if a sensor turns out to be the fault.
+
+    onset : step at which that fault is thought to have begun. step, x, P : the filter at an earlier one. declared :
+    what had been declared until then.
+    """
+
+    onset: int
+    step: int
+    x: Array
+    P: Array
+    declared: dict[int, Declared]
+
+
 @dataclass(eq=False)
 class Memory:
     """The filter (x, P), the bank and its history, what was learned of the sensors, and what was declared.
@@ -92,8 +107,9 @@ class Memory:
     innovations' variance exceeds what the sensors' noise explains. ratio, slot : the bank's best, by hypothesis.
     declared : by place in JUMPS. scratch : room for trying onsets. usable : whether the filter takes a sensor's
     readings in. lost : kind and number of those that it doesn't. agrees : for how many steps a lost sensor has agreed
-    with the filter. noisy : numbers of the alarms of noisy sensors. surprise : running mean square of the whitened
-    innovations. verdicts_s : run times of the latest verdicts.
+    with the filter. noisy : numbers of the alarms of noisy sensors. is_doubtful : whether a sensor that is used repeats
+    itself so often that it may be stuck. surprise : running mean square of the whitened innovations. verdicts_s : run
+    times of the latest verdicts. checkpoint : from before the latest one.
     """
 
     x: Array
@@ -119,11 +135,13 @@ class Memory:
     lost: dict[int, tuple[str, int]] = field(default_factory=dict)
     agrees: list[int] = field(default_factory=lambda: [0] * 4)
     noisy: dict[int, int] = field(default_factory=dict)
+    is_doubtful: bool = False
     declared: dict[int, Declared] = field(default_factory=dict)
     suspicion: Suspicion | None = None
     probation: Probation | None = None
     alarms: int = 0
     verdicts_s: tuple[float, ...] = ()
+    checkpoint: Checkpoint | None = None
 
     @classmethod
     def begin(cls, setup: Setup, t_s: float, measurement: Measurement, applied_V: Pair) -> Memory:
@@ -151,17 +169,17 @@ class Memory:
         """Run time of a step that the history still holds, s."""
         return self.times_s[step % RING]
 
-    def open_slot(self) -> None:
-        """Let the bank consider jumps from this step on, and keep the filter as it stands."""
-        b = self.bank
-        slot = bank.open_slot(self.now, bank.STATES, b.onset, b.effect, b.energy, b.match, b.cross)
+    def open_slot(self, step: int | None = None) -> None:
+        """Let the bank consider jumps from this step (None: now) on, and keep the filter as it stands."""
+        b, onset = self.bank, self.now if step is None else step
+        slot = bank.open_slot(onset, bank.STATES, b.onset, b.effect, b.energy, b.match, b.cross)
         self.history.x[slot] = self.x
         self.history.P[slot] = self.P
 
-    def restart_bank(self) -> None:
-        """Forget all candidates: the filter has just been corrected."""
+    def restart_bank(self, step: int | None = None) -> None:
+        """Forget all candidates: the filter has just been corrected, as it stood at a step (None: now)."""
         self.bank.clear()
-        self.open_slot()
+        self.open_slot(step)
         self.statistic = 0.0
 
     def forget(self, state: int) -> None:
