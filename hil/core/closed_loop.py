@@ -21,8 +21,8 @@ LONGEST_PERIODS = 5.0
 SOUND = (1.0, 1.0)
 ALL = (True, True, True, True)
 
-LARGE_CHANGE = 0.1
-"""A change of effectiveness as large as this is answered at once."""
+LARGE_CHANGE = 0.2
+"""A change of effectiveness as large as this is answered at once: the operating voltage is off by as much."""
 
 SHARPENED_CHANGE, SHARPENING_S = 0.01, 5.0
 """For so long after a large one, changes of this size are taken for the estimate's sharpening, and answered too."""

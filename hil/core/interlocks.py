@@ -161,7 +161,11 @@ def _will_overflow(limits: Limits, s: Situation) -> bool:
 
 
 def _runs_dry(limits: Limits, s: Situation) -> bool:
-    return max(s.diagnosis.effectiveness) < limits.dead_below and max(s.inputs.pumps.applied_V) > limits.dry_run_V
+    """No pump gives water that is asked to; one that stands still, and may be no better, is no proof of water."""
+    dead1, dead2 = (left < limits.dead_below for left in s.diagnosis.effectiveness)
+    unproven1, unproven2 = s.diagnosis.unproven
+    gives_none = (dead1 and (dead2 or unproven2)) or (dead2 and unproven1)
+    return gives_none and max(s.inputs.pumps.applied_V) > limits.dry_run_V
 
 
 INTERLOCKS: tuple[Interlock, ...] = (
@@ -249,6 +253,11 @@ INTERLOCKS: tuple[Interlock, ...] = (
         "more than one level sensor is lost",
     ),
     Interlock(
+        TripCause.SENSORS_LOST,
+        lambda _, s: s.diagnosis.is_blind,
+        "a level without a sensor is no longer known from the model either",
+    ),
+    Interlock(
         TripCause.HIGH_LEVEL,
         _will_overflow,
         "a tank is about to overflow",
@@ -259,7 +268,7 @@ INTERLOCKS: tuple[Interlock, ...] = (
         lambda _, s: any(s.diagnosis.stuck_on),
         "a pump runs whatever it is told",
     ),
-    Interlock(TripCause.DRY_RUN, _runs_dry, "both pumps run dry", may_bypass=True),
+    Interlock(TripCause.DRY_RUN, _runs_dry, "the pumps run dry", may_bypass=True),
     Interlock(
         TripCause.ESTIMATOR_DIVERGED,
         lambda _, s: s.diagnosis.is_diverged,

@@ -145,6 +145,11 @@ VERDICTS: tuple[tuple[str, TripCause, Diagnosis], ...] = (
         for c in range(4)
     ),
     ("two sensors lost", TripCause.SENSORS_LOST, Diagnosis(trusted=doubted(1, 3), level_V=REST_V)),
+    (
+        "a level that nobody knows",
+        TripCause.SENSORS_LOST,
+        Diagnosis(trusted=doubted(0), level_V=REST_V, is_blind=True),
+    ),
     ("four sensors lost", TripCause.SENSORS_LOST, Diagnosis(trusted=doubted(0, 1, 2, 3), level_V=REST_V)),
     *(
         (

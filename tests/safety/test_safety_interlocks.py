@@ -238,6 +238,23 @@ def test_both_pumps_without_effect_and_one_driven_run_dry(theta, applied, cause)
     assert cause_of(but(HEALTHY, "pumps", applied_V=applied), believing(Diagnosis(theta))) is cause
 
 
+@pytest.mark.parametrize(
+    ("theta", "unproven", "applied", "cause"),
+    [
+        ((0.1 - JUST, 1.0), (False, True), (0.5 + JUST, 0.0), TripCause.DRY_RUN),
+        ((1.0, 0.1 - JUST), (True, False), (0.0, 0.5 + JUST), TripCause.DRY_RUN),
+        ((0.1 - JUST, 1.0), (False, True), (0.5, 0.0), None),
+        ((0.1 - JUST, 1.0), (True, False), (3.0, 0.0), None),
+        ((1.0, 0.1 - JUST), (False, True), (0.0, 3.0), None),
+        ((0.1, 1.0), (False, True), (3.0, 0.0), None),
+        ((1.0, 0.1), (True, False), (0.0, 3.0), None),
+    ],
+)
+def test_a_dead_pump_beside_one_that_stands_still_is_no_proof_of_water(theta, unproven, applied, cause):
+    diagnosis = Diagnosis(theta, unproven=unproven)
+    assert cause_of(but(HEALTHY, "pumps", applied_V=applied), believing(diagnosis)) is cause
+
+
 @pytest.mark.parametrize("theta", [(0.1 - JUST, 1.0), (1.0, 0.1 - JUST), (0.0, 0.0)])
 def test_a_dead_pump_stops_the_run_if_so_configured(theta):
     stops = replace(LIMITS, stops_on_dead_pump=True)

@@ -66,6 +66,7 @@ class GlrDetector:
             isolation.suspect(m)
         if m.suspicion is not None:
             alarms += isolation.isolate(setup, m, m.suspicion)
+        verdict.watch_unproven(m)
         return m, self._diagnosis(m, alarms)
 
     def _note(self, m: Memory, t_s: float, measurement: Measurement, applied_V: Pair) -> None:
@@ -131,6 +132,7 @@ class GlrDetector:
             return Diagnosis(new_alarms=tuple(alarms), level_V=level_V, is_diverged=self._is_diverged(m, h1))
         stuck = [j in m.declared and m.declared[j].kind == "pump_stuck_on" for j in PUMPS]
         distrusted = [m.distrusted(i) for i in range(4)]
+        unproven = None if m.unproven is None else m.unproven[0]
         return Diagnosis(
             verdict.effectiveness(m),
             tuple(alarms),
@@ -138,6 +140,8 @@ class GlrDetector:
             level_V,
             (stuck[0], stuck[1]),
             self._is_diverged(m, h1),
+            (unproven == 0, unproven == 1),
+            verdict.is_blind(m),
         )
 
     def _is_diverged(self, m: Memory, level_cm: float) -> bool:

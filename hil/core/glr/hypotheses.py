@@ -45,8 +45,8 @@ JUMPS: tuple[Jump, ...] = (
     *(Jump(DRIFT + i, i + 1, "sensor_drift", "sensor_drift", 0.02, (0.001, 5.0), (0.001, 5.0)) for i in range(4)),
 )
 H = len(JUMPS)
-PUMPS = (0, 1)
-"""Where the two pumps stand in JUMPS."""
+PUMPS, SPLITS = (0, 1), (2, 3)
+"""Where the two pumps, and the valves behind them, stand in JUMPS."""
 
 BOTH = H
 """Number of the hypothesis that both pumps jumped at once."""

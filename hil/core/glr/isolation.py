@@ -12,6 +12,7 @@ from hil.core.glr.hypotheses import BIAS_PRIOR_V, BOTH, JUMPS, PUMPS, H
 from hil.core.glr.memory import Checkpoint, Memory, Setup, Suspicion
 from hil.core.glr.process import BIAS, DRIFT, Array
 from hil.core.glr.replay import Replays
+from hil.core.glr.verdict import IDLE_V
 from hil.core.types import Alarm
 
 ONSETS_AROUND = (-8, -4, -2, -1, 0, 1, 2, 4, 8)
@@ -136,9 +137,15 @@ def _leader(setup: Setup, m: Memory, evidence: Array, order: list[int]) -> int |
         return first if evidence[first] - max(evidence[second], evidence[BOTH]) >= tuning.margin else None
     if evidence[BOTH] - evidence[first] >= tuning.both_lead:
         return BOTH if evidence[BOTH] - evidence[first] >= tuning.margin else None
-    other = JUMPS[PUMPS[1 - first]].state
-    is_alone = sqrt(max(m.replays.P[BOTH, other, other], 0.0)) < tuning.second_pump_std
+    other = PUMPS[1 - first]
+    is_alone = _is_known(setup, m, other) or float(m.entry[other]) < IDLE_V
     return first if is_alone and evidence[first] - evidence[second] >= tuning.margin else None
+
+
+def _is_known(setup: Setup, m: Memory, pump: int) -> bool:
+    """Whether a loss of this pump, beside the other's, would be known."""
+    state = JUMPS[pump].state
+    return sqrt(max(m.replays.P[BOTH, state, state], 0.0)) < setup.tuning.second_pump_std
 
 
 def _settle(setup: Setup, m: Memory, suspicion: Suspicion, winner: int) -> list[Alarm]:
@@ -149,6 +156,8 @@ def _settle(setup: Setup, m: Memory, suspicion: Suspicion, winner: int) -> list[
     m.checkpoint = _checkpoint(m, onset)
     m.x[:], m.P[:] = r.x[winner], r.P[winner]
     _loosen(setup, m, winner, before)
+    if winner in PUMPS and not _is_known(setup, m, 1 - winner):
+        m.unproven = (1 - winner, 0.0)
     alarms = [verdict.declare(setup, m, j, before, onset, suspicion) for j in jumps_of(winner)]
     m.restart_bank()
     m.verdicts_s = (*m.verdicts_s, m.t_s)[-setup.tuning.verdicts_max :]

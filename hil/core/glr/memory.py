@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import nan
+from typing import NamedTuple
 
 import numpy as np
 
@@ -48,6 +49,14 @@ class Suspicion:
 
     number: int | None
     detected_s: float
+
+
+class Lost(NamedTuple):
+    """A sensor that is no longer used: kind and number of its alarm, the run time at which it was given up."""
+
+    kind: str
+    number: int
+    since_s: float
 
 
 @dataclass(slots=True)
@@ -106,10 +115,11 @@ class Memory:
     A, K, white, innovation : what the last filter step left behind, see `process.step`. scale : (4,) by how much the
     innovations' variance exceeds what the sensors' noise explains. ratio, slot : the bank's best, by hypothesis.
     declared : by place in JUMPS. scratch : room for trying onsets. usable : whether the filter takes a sensor's
-    readings in. lost : kind and number of those that it doesn't. agrees : for how many steps a lost sensor has agreed
+    readings in. lost : those that it doesn't. agrees : for how many steps a lost sensor has agreed
     with the filter. noisy : numbers of the alarms of noisy sensors. is_doubtful : whether a sensor that is used repeats
     itself so often that it may be stuck. surprise : running mean square of the whitened innovations. verdicts_s : run
-    times of the latest verdicts. checkpoint : from before the latest one.
+    times of the latest verdicts. checkpoint : from before the latest one. unproven : the pump that stood still when the
+    other one failed, and for how long it has been driven since; None when both are known.
     """
 
     x: Array
@@ -132,7 +142,7 @@ class Memory:
     statistic: float = 0.0
     surprise: float = 1.0
     usable: list[bool] = field(default_factory=lambda: [True] * 4)
-    lost: dict[int, tuple[str, int]] = field(default_factory=dict)
+    lost: dict[int, Lost] = field(default_factory=dict)
     agrees: list[int] = field(default_factory=lambda: [0] * 4)
     noisy: dict[int, int] = field(default_factory=dict)
     is_doubtful: bool = False
@@ -142,6 +152,7 @@ class Memory:
     alarms: int = 0
     verdicts_s: tuple[float, ...] = ()
     checkpoint: Checkpoint | None = None
+    unproven: tuple[int, float] | None = None
 
     @classmethod
     def begin(cls, setup: Setup, t_s: float, measurement: Measurement, applied_V: Pair) -> Memory:

@@ -7,7 +7,7 @@ from math import isfinite, nan, sqrt
 from hil.core.glr import bank, process
 from hil.core.glr.channels import OPEN_RUN
 from hil.core.glr.hypotheses import JUMPS
-from hil.core.glr.memory import Declared, Memory, Setup
+from hil.core.glr.memory import Declared, Lost, Memory, Setup
 from hil.core.glr.process import BIAS, DRIFT
 from hil.core.glr.replay import RING
 from hil.core.types import Alarm, Measurement
@@ -46,7 +46,7 @@ def readmit(setup: Setup, m: Memory, measurement: Measurement) -> list[Alarm]:
         agrees = is_sound and abs(measurement.level_V[i] - expected_V) < AGREES_STDS * std_V
         m.agrees[i] = m.agrees[i] + 1 if agrees and not m.channels[i].is_noisy() else 0
         if m.agrees[i] * m.entry[10] >= setup.tuning.readmit_s:
-            kind, number = m.lost.pop(i)
+            kind, number, _ = m.lost.pop(i)
             m.usable[i] = True
             m.restart_bank()
             alarms.append(Alarm(m.t_s, kind, i + 1, nan, nan, m.t_s, m.t_s, (f"{kind} {i + 1}",), number, True))
@@ -110,7 +110,7 @@ def _lose(setup: Setup, m: Memory, i: int, kind: str, back: int) -> list[Alarm]:
     else:
         m.alarms += 1
         number, detected_s = m.alarms, m.t_s
-    m.lost[i] = (kind, number)
+    m.lost[i] = Lost(kind, number, m.t_s)
     name = f"{kind} {i + 1}"
     size = size if isfinite(size) else nan
     return [*alarms, Alarm(detected_s, kind, i + 1, size, nan, m.time_of(start), m.t_s, (name,), number)]

@@ -5,13 +5,22 @@ from __future__ import annotations
 from dataclasses import replace
 from math import nan, sqrt
 
-from hil.core.glr.hypotheses import BOTH, JUMPS, PUMPS
-from hil.core.glr.memory import Declared, Memory, Probation, Setup, Suspicion
+from hil.core.glr.hypotheses import BOTH, JUMPS, PUMPS, SPLITS
+from hil.core.glr.memory import Declared, Lost, Memory, Probation, Setup, Suspicion
 from hil.core.glr.process import BIAS, DRIFT, GAIN, LAG, LEAK, OUTLET, PUMP, SPLIT, Array
 from hil.core.types import UNRESOLVED, Alarm, Pair
 
 STUCK_MOVED = 0.15
 """A pump is called stuck only when its voltage has moved by this share and its flow has not."""
+
+IDLE_V = 0.5
+"""A pump that gets less shows nothing of itself."""
+
+PROVEN_S = 1.0
+"""A pump that has been driven for so long without an alarm works."""
+
+BLIND_S = 3.0
+"""How long an alarm may stand unresolved while a lower tank has no sensor."""
 
 RECOVERED_STDS = 3.0
 RECOVERED_PUMP = 0.03
@@ -116,6 +125,31 @@ def watch_probation(setup: Setup, m: Memory, log_likelihood: float, stuck_likeli
     return [Alarm(p.detected_s, "pump_stuck_on", p.pump + 1, flow_V, nan, p.onset_s, m.t_s, (name,), p.number)]
 
 
+def watch_unproven(m: Memory) -> None:
+    """Whether the pump that stood still when the other one failed has been seen to work since."""
+    if m.unproven is None:
+        return
+    pump, driven_s = m.unproven
+    if m.entry[pump] >= IDLE_V and m.suspicion is None:
+        driven_s += float(m.entry[10])
+    m.unproven = None if driven_s >= PROVEN_S or PUMPS[1 - pump] not in m.declared else (pump, driven_s)
+
+
+def is_blind(m: Memory) -> bool:
+    """Whether a lower tank fills in a way that neither a sensor nor the model can vouch for.
+
+    What its own pump and valve give it shows in the sensor of that tank alone: the upper tank gets the rest, and a
+    weaker pump or a valve that has moved look the same from there.
+    """
+    for sensor, lost in m.lost.items():
+        if sensor in PUMPS:
+            if m.suspicion is not None and m.t_s - m.suspicion.detected_s > BLIND_S:
+                return True
+            if any(m.declared[j].declared_s > lost.since_s for j in (sensor, SPLITS[sensor]) if j in m.declared):
+                return True
+    return False
+
+
 def _shown(setup: Setup, m: Memory, j: int, sound: float) -> tuple[float, float]:
     """The size as a scenario would give it, and its unit in units of the state."""
     jump = JUMPS[j]
@@ -138,7 +172,7 @@ def _shown(setup: Setup, m: Memory, j: int, sound: float) -> tuple[float, float]
 def _give_up(m: Memory, sensor: int, kind: str, number: int) -> None:
     """A sensor that drifts has nothing more to say."""
     m.usable[sensor] = False
-    m.lost[sensor] = (kind, number)
+    m.lost[sensor] = Lost(kind, number, m.t_s)
     m.agrees[sensor] = 0
     m.forget(BIAS + sensor)
     m.forget(DRIFT + sensor)
