@@ -42,7 +42,7 @@ JUMPS: tuple[Jump, ...] = (
         Jump(BIAS + i, i + 1, "sensor_bias", "sensor_bias", BIAS_PRIOR_V, (0.005, 11.0), (0.005, 11.0))
         for i in range(4)
     ),
-    *(Jump(DRIFT + i, i + 1, "sensor_drift", "sensor_drift", 0.02, (0.001, 5.0), (0.001, 5.0)) for i in range(4)),
+    *(Jump(DRIFT + i, i + 1, "sensor_drift", "sensor_drift", 0.05, (0.001, 5.0), (0.001, 5.0)) for i in range(4)),
 )
 H = len(JUMPS)
 PUMPS, SPLITS = (0, 1), (2, 3)

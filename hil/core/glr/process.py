@@ -42,6 +42,9 @@ NO_READING_V2 = 1e6
 LARGEST_SQUARE, LARGEST_SCALE = 9.0, 25.0
 """One innovation counts for no more than three standard deviations where noise is learned; how much it may learn."""
 
+LEAST_OUTLET = -0.02
+"""What is estimated of an outlet that is shut may err to either side of nothing; cut off there it would look open."""
+
 SHALLOW_CM = 0.05
 """Below this level sqrt(h) is not linearised any more."""
 
@@ -251,7 +254,7 @@ def step(
         x[i] += K[i, 0] * innovation[0] + K[i, 1] * innovation[1] + K[i, 2] * innovation[2] + K[i, 3] * innovation[3]
     for i in range(4):
         x[i] = min(max(x[i], 0.0), c[14])
-        x[OUTLET + i] = max(x[OUTLET + i], 0.01)
+        x[OUTLET + i] = max(x[OUTLET + i], LEAST_OUTLET)
     for j in range(2):
         x[LAG + j] = min(max(x[LAG + j], 0.05), 20.0)
         x[SPLIT + j] = min(max(x[SPLIT + j], 0.01), 0.99 / c[10 + j])

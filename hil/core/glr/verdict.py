@@ -164,9 +164,16 @@ def _shown(setup: Setup, m: Memory, j: int, sound: float) -> tuple[float, float]
     if jump.state < LEAK:
         return abs(now - sound) / sound, 1.0 / sound
     if jump.state < BIAS:
-        unit = 1.0 / float(m.x[OUTLET + jump.target - 1])
+        unit = 1.0 / _clean_outlet(m, jump.target)
         return (now - sound) * unit, unit
     return now, 1.0
+
+
+def _clean_outlet(m: Memory, tank: int) -> float:
+    """A tank's outlet over the rig file's, before it was blocked if it is."""
+    state = OUTLET + tank - 1
+    blocked = (fault.sound for j, fault in m.declared.items() if JUMPS[j].state == state)
+    return next(blocked, float(m.x[state]))
 
 
 def _give_up(m: Memory, sensor: int, kind: str, number: int) -> None:
