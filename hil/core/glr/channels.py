@@ -36,8 +36,8 @@ JUMPY_RATIO = 12.0
 NOISY_PERIODS = 3
 CALM_RATIO = 2.0
 LEAST_VARIANCE_V2 = 1e-8
-GARBAGE_V = 0.3
-"""Noise above this is no signal at all, V rms."""
+GARBAGE_V, GARBAGE_RATIO = 0.3, 16.0
+"""Noise above this is no signal at all, V rms; unless the sensor was known for noise, of which this is a bad moment."""
 
 
 @dataclass(slots=True)
@@ -110,7 +110,7 @@ class Channel:
 
     def is_garbage(self) -> bool:
         """Whether there is no signal in the readings at all; that shows in one period."""
-        return self.noisy_periods > 0 and self.newest_V2 > GARBAGE_V**2
+        return self.noisy_periods > 0 and self.newest_V2 > max(GARBAGE_V**2, GARBAGE_RATIO * self.variance_V2)
 
     def accept_noise(self) -> None:
         """Believe the sensor to be as noisy as it has lately been."""

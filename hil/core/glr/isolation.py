@@ -10,7 +10,7 @@ from hil.core.glr import process, replay, verdict
 from hil.core.glr.bank import SLOTS
 from hil.core.glr.hypotheses import BIAS_PRIOR_V, BOTH, JUMPS, PUMPS, H
 from hil.core.glr.memory import Checkpoint, Memory, Setup, Suspicion
-from hil.core.glr.process import BIAS, DRIFT, Array
+from hil.core.glr.process import BIAS, DRIFT, GAIN, Array
 from hil.core.glr.replay import Replays
 from hil.core.glr.verdict import IDLE_V
 from hil.core.types import Alarm
@@ -58,8 +58,9 @@ def isolate(setup: Setup, m: Memory, suspicion: Suspicion) -> list[Alarm]:
     if _catch_up(setup, m, r, H + 1, tuning.replay_budget):
         return _candidates(m, suspicion, _likely_by_bank(setup, m))
     evidence, order = _evidence(m)
-    is_bias = order[0] != BOTH and BIAS <= JUMPS[order[0]].state < DRIFT
-    is_seen = m.now - int(r.onset[order[0]]) >= tuning.least_steps
+    state = JUMPS[order[0]].state if order[0] != BOTH else GAIN
+    is_bias, is_drift = BIAS <= state < DRIFT, state >= DRIFT
+    is_seen = m.now - int(r.onset[order[0]]) >= (tuning.least_drift_steps if is_drift else tuning.least_steps)
     winner = None
     if m.is_doubtful:
         pass  # some readings more, and a sensor may be found stuck: then it is none of these

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from math import isfinite, nan, sqrt
+from typing import NamedTuple
 
 from hil.core.glr import bank, process
-from hil.core.glr.channels import OPEN_RUN
+from hil.core.glr.channels import NOISY_PERIODS, OPEN_RUN
 from hil.core.glr.hypotheses import JUMPS
 from hil.core.glr.memory import Declared, Lost, Memory, Setup
 from hil.core.glr.process import BIAS, DRIFT
@@ -29,7 +30,7 @@ def examine(setup: Setup, m: Memory, measurement: Measurement) -> list[Alarm]:
             if kind:
                 alarms += _lose(setup, m, i, kind, 1 + run // max(measurement.readings, 1))
             else:
-                alarms += _noise(m, i)
+                alarms += _noise(setup, m, measurement, i)
                 is_wet = measurement.level_V[i] > setup.empty_V
                 m.is_doubtful |= is_wet and m.channels[i].may_be_stuck(measurement, i)
     return alarms
@@ -66,54 +67,79 @@ def _fault(setup: Setup, m: Memory, measurement: Measurement, i: int) -> tuple[s
     return "", 0
 
 
-def _noise(m: Memory, i: int) -> list[Alarm]:
-    """A noisy sensor is still used, for what it is worth."""
+def _noise(setup: Setup, m: Memory, measurement: Measurement, i: int) -> list[Alarm]:
+    """A noisy sensor is still used, for what it is worth; what its first noisy readings led to is taken back."""
     channel = m.channels[i]
-    if i not in m.noisy and channel.is_noisy():
-        m.alarms += 1
-        m.noisy[i] = m.alarms
-        channel.accept_noise()
-    elif i in m.noisy and channel.is_calm():
+    name = f"sensor_noise {i + 1}"
+    if i in m.noisy and channel.is_calm():
         number = m.noisy.pop(i)
         channel.forgive()
-        name = f"sensor_noise {i + 1}"
         return [Alarm(m.t_s, "sensor_noise", i + 1, 0.0, nan, m.t_s, m.t_s, (name,), number, True)]
-    else:
+    if i in m.noisy or not channel.is_noisy():
         return []
+    channel.accept_noise()
     size_V = sqrt(max(channel.variance_V2 - channel.sound_V2, 0.0))
-    name = f"sensor_noise {i + 1}"
-    return [Alarm(m.t_s, "sensor_noise", i + 1, size_V, nan, m.t_s, m.t_s, (name,), m.noisy[i])]
+    back = NOISY_PERIODS + 1
+    if _is_recent(m, back):
+        variance_V2 = m.scale[i] * (channel.variance_V2 / measurement.readings + setup.tuning.reading_floor_V**2)
+        _, amended, alarms = _amend(setup, m, i, back, float(variance_V2))
+    else:
+        amended, alarms = _news(m), []
+    m.noisy[i] = amended.number
+    alarm = Alarm(amended.detected_s, "sensor_noise", i + 1, size_V, nan, m.t_s, m.t_s, (name,), amended.number)
+    return [*alarms, alarm]
 
 
 def _lose(setup: Setup, m: Memory, i: int, kind: str, back: int) -> list[Alarm]:
-    """Go on without sensor i, and without what it said in the last `back` steps.
-
-    A fault that was declared in that time may be the sensor's doing: it is taken back, and found again if it is real.
-    The sensor's alarm goes on under its number.
-    """
-    start, withdrawn = _go_back(m, m.now - back)
+    """Go on without sensor i, and without what it said in the last `back` steps."""
     m.usable[i] = False
     m.agrees[i] = 0
+    size = float(m.history.entries[(m.now - 1) % RING][2 + i])
+    start, amended, alarms = _amend(setup, m, i, back, None)
     m.forget(BIAS + i)
     m.forget(DRIFT + i)
-    size = float(m.history.entries[(m.now - 1) % RING][2 + i])
-    _relive(setup, m, start, i)
-    suspicion, m.suspicion = m.suspicion, None
-    m.statistic = 0.0
-    alarms = []
-    if withdrawn:
-        (_, first), *others = withdrawn
-        number, detected_s = first.number, first.detected_s
-        alarms = [_over(m, j, fault) for j, fault in others]
-    elif suspicion is not None and suspicion.number is not None:
-        number, detected_s = suspicion.number, suspicion.detected_s
-    else:
-        m.alarms += 1
-        number, detected_s = m.alarms, m.t_s
-    m.lost[i] = Lost(kind, number, m.t_s)
+    m.lost[i] = Lost(kind, amended.number, m.t_s)
     name = f"{kind} {i + 1}"
     size = size if isfinite(size) else nan
-    return [*alarms, Alarm(detected_s, kind, i + 1, size, nan, m.time_of(start), m.t_s, (name,), number)]
+    onset_s = m.time_of(start)
+    return [*alarms, Alarm(amended.detected_s, kind, i + 1, size, nan, onset_s, m.t_s, (name,), amended.number)]
+
+
+class Amended(NamedTuple):
+    """Number and time of the alarm that a sensor's goes on under."""
+
+    number: int
+    detected_s: float
+
+
+def _news(m: Memory) -> Amended:
+    m.alarms += 1
+    return Amended(m.alarms, m.t_s)
+
+
+def _is_recent(m: Memory, back: int) -> bool:
+    """Whether anything was suspected or declared in the last `back` steps."""
+    since = max(m.now - back, 0)
+    is_suspected = m.suspicion is not None and m.suspicion.detected_s >= m.time_of(since)
+    return is_suspected or (m.checkpoint is not None and m.checkpoint.onset >= since - SAME_STEPS)
+
+
+def _amend(setup: Setup, m: Memory, i: int, back: int, variance_V2: float | None) -> tuple[int, Amended, list[Alarm]]:
+    """Go back by some steps and live through them again, with the readings of sensor i for what they were worth.
+
+    A fault that was suspected or declared in that time may be the sensor's doing: it is taken back, and found again if
+    it is real. The sensor's alarm goes on under its number. Returns the step gone back to, that, and what is over.
+    """
+    start, withdrawn = _go_back(m, m.now - back)
+    _relive(setup, m, start, i, variance_V2)
+    suspicion, m.suspicion = m.suspicion, None
+    m.statistic = 0.0
+    if withdrawn:
+        (_, first), *others = withdrawn
+        return start, Amended(first.number, first.detected_s), [_over(m, j, fault) for j, fault in others]
+    if suspicion is not None and suspicion.number is not None:
+        return start, Amended(suspicion.number, suspicion.detected_s), []
+    return start, _news(m), []
 
 
 def _go_back(m: Memory, step: int) -> tuple[int, list[tuple[int, Declared]]]:
@@ -131,13 +157,16 @@ def _go_back(m: Memory, step: int) -> tuple[int, list[tuple[int, Declared]]]:
     return int(b.onset[slot]), []
 
 
-def _relive(setup: Setup, m: Memory, start: int, i: int) -> None:
-    """Filter and bank once more, from a step on to the last one, without sensor i."""
+def _relive(setup: Setup, m: Memory, start: int, i: int, variance_V2: float | None) -> None:
+    """Filter and bank once more, from a step on to the last one, with this variance of sensor i; None: without it."""
     b = m.bank
     m.restart_bank(start)
     for step in range(start + 1, m.now + 1):
         entry = m.history.entries[step % RING]
-        entry[2 + i] = nan
+        if variance_V2 is None:
+            entry[2 + i] = nan
+        else:
+            entry[6 + i] = variance_V2
         if step < m.now:
             m.history.none[step % RING] = process.step(
                 setup.c, setup.walk, m.x, m.P, entry, m.A, m.K, m.white, m.innovation

@@ -13,7 +13,8 @@ class Tuning:
     both_lead : both pumps include each single one; by how much they must lead for a single one not to be believed yet.
     second_pump_std : a single pump is believed once a loss of the other would be known as well as this.
     least_steps : steps after the onset before anything is settled, since the first holds part of the fault only; a bias
-    that leads by jump_margin is too quick for anything else.
+    that leads by jump_margin is too quick for anything else. least_drift_steps : the same for drifts, which a handful
+    of noisy readings look like.
     resolve_within_s : after so long the likeliest is taken without the margin. settle_s : no alarm before.
 
     parameter_std : how far gains, splits and outlets may be off the rig file's, relative. lag_std : lags, likewise.
@@ -36,6 +37,7 @@ class Tuning:
     both_lead: float = 3.0
     second_pump_std: float = 0.04
     least_steps: int = 2
+    least_drift_steps: int = 8
     jump_margin: float = 50.0
     resolve_within_s: float = 18.0
     settle_s: float = 1.0
