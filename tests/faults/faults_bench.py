@@ -88,12 +88,6 @@ def story(
     return {**made, **tables}
 
 
-def not_yet(*values: Any, seen: str, is_long: bool = False) -> Any:
-    """A parameter for which the bench does not do what is demanded, and what is seen instead. Fails once it does."""
-    marks = [pytest.mark.xfail(reason=seen)] + [pytest.mark.long] * is_long
-    return pytest.param(*values, marks=marks)
-
-
 class Keeper(Observer):
     """A recorder that keeps everything, beside what a campaign looks at."""
 

@@ -1,7 +1,7 @@
 """Cases 41, 42, 44, 45: leaks, blocked outlets, valves that move, and a rig that is merely not what its file says."""
 
 import pytest
-from faults_bench import MOVING, RIM_CM, assert_no_trip, fault, first, not_yet, play, story
+from faults_bench import MOVING, RIM_CM, assert_no_trip, fault, first, play, story
 
 AT_S = 25.0
 TANKS = (1, 2, 3, 4)
@@ -26,12 +26,9 @@ def test_case_41_leak(tank, share):
     assert run.ticks[-1].effectiveness == (1.0, 1.0)
 
 
-LOST = "safe before the rim, but on sensors_lost: beside the block two sensors are said to drift as the tank fills"
 BLOCKED = [
-    *((tank, method) for tank in (1, 2, 3) for method in ("none", "glr") if (tank, method) != (3, "glr")),
-    pytest.param(4, "none", marks=pytest.mark.long),
-    not_yet(3, "glr", seen=LOST),
-    not_yet(4, "glr", seen=LOST, is_long=True),
+    *((tank, method) for tank in (1, 2, 3) for method in ("none", "glr")),
+    *(pytest.param(4, method, marks=pytest.mark.long) for method in ("none", "glr")),
 ]
 
 
@@ -45,6 +42,7 @@ def test_case_42_outlet_blocked(tank, method):
     )
     run = play(scenario)
     assert run.cause == "high_level", run.told
+    assert method == "none" or run.names == [f"outlet_block {tank}"], run.told
     assert max(max(truth.levels_cm) for truth in run.keeper.truths) < RIM_CM
 
 

@@ -80,6 +80,14 @@ def test_case_43_reservoir_low():
     assert_tripped(run, AT_S, 2.0, "dry_run")
 
 
+@pytest.mark.parametrize("tank", [1, 2])
+def test_case_43_reservoir_low_while_a_pump_stands_still(tank):
+    """The pump of a blocked tank stands still and shows no lack of water; the other one's is enough."""
+    run = play(watched(fault("outlet_block", 10.0, tank, 0.9), fault("reservoir_low", AT_S)))
+    assert run.at(AT_S - T_S).applied_V[tank - 1] == 0.0
+    assert_tripped(run, AT_S, 2.0, "dry_run")
+
+
 def flapping(values, *, every_s=1.0, from_s=10.0, to_s=60.0):
     """A pump that loses a share of its gain and gets it back, again and again."""
     times = [from_s + i * 2 * every_s for i in range(int((to_s - from_s) / (2 * every_s)))]

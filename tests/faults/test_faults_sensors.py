@@ -10,11 +10,9 @@ from faults_bench import MOVING, OFF, T_S, TIME_TOLERANCE_S, assert_no_trip, ass
 from hil.core.types import Diagnosis, Mode
 
 AT_S = 25.0
-FAST_SEEN = "0.2 cm/s downwards is taken for a leak of that tank; by the time it is a drift the level is 2 to 6 cm off"
 SENSORS = (1, 2, 3, 4)
 GAIN_V_CM = 0.5
 SAMPLE_S = 0.02
-FAST_DRIFT = pytest.param(-0.1, marks=[pytest.mark.long, pytest.mark.xfail(strict=False, reason=FAST_SEEN)])
 
 
 def watched(*faults, duration_s=45.0, **more):
@@ -44,9 +42,6 @@ def test_case_31_sensor_stuck(sensor):
     assert_substituted(run, sensor, found.isolated_s)
 
 
-EARLY_SEEN = (
-    "named a leak or a block first, which stays when the sensor is found stuck: the model is then 6 to 7 cm off"
-)
 EARLY = [(1575, 1.457646, 2), (1, 1.37, 2), (5, 2.85, 2)]
 
 
@@ -59,7 +54,7 @@ def test_case_31_sensor_stuck_while_levels_still_move(seed, at_s, sensor):
     assert_substituted(run, sensor, at_s + 5.0)
 
 
-@pytest.mark.parametrize("rate_V_s", [*first(1, 0.05, 0.01, -0.02, 0.02, -0.05), FAST_DRIFT])
+@pytest.mark.parametrize("rate_V_s", first(2, 0.05, -0.1, 0.01, -0.02, 0.02, -0.05, 0.1))
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_case_32_sensor_drifts(sensor, rate_V_s):
     """A drift is found before what is believed of the level is 2 cm off."""
@@ -174,3 +169,22 @@ def test_case_37_two_sensors_fail(first, second):
     run = play(watched(fault("sensor_stuck", AT_S, first), fault("sensor_open", AT_S + 5.0, second)))
     isolated_s = run.finding(f"sensor_open {second}").isolated_s
     assert_tripped(run, AT_S + 5.0, isolated_s + T_S - AT_S - 5.0, "sensors_lost", "invalid_levels")
+
+
+@pytest.mark.parametrize(("sensor", "pump"), [(1, 1), (2, 2)])
+def test_case_37_a_tank_without_sensor_whose_pump_then_runs_on(sensor, pump):
+    """Without its sensor, a pump that runs on and a valve that has moved look the same: safe, before the tank fills."""
+    faults = fault("sensor_stuck", AT_S, sensor), fault("pump_stuck_on", AT_S + 3.0, pump, 9.5)
+    run = play(watched(*faults))
+    assert_tripped(run, AT_S + 3.0, 5.0, "sensors_lost", "pump_stuck_on", "high_level")
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_noise_takes_back_what_its_first_readings_led_to(sensor):
+    """One noisy reading at the end of a period looks like a bias; once the noise is plain nothing else is left."""
+    run = play(watched(fault("sensor_noise", AT_S + 0.585, sensor, 0.1)), seed=3)
+    assert_no_trip(run)
+    (found,) = run.findings
+    assert (found.kind, found.target, found.flips) == ("sensor_noise", sensor, 1), run.told
+    assert found.size == pytest.approx(0.1, rel=0.5)
+    assert run.at(44.0).mode is Mode.RUNNING, "the sensor is used on, for what it is worth"

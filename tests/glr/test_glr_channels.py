@@ -1,0 +1,110 @@
+"""What single readings show: sensors of any noise against their converter's steps."""
+
+import numpy as np
+import pytest
+
+from hil.core.glr.channels import LONGEST_RUN, Channel
+from hil.core.types import Measurement
+
+STEP_V = 0.0025
+READINGS = 5
+FILE_NOISE_V = 0.005
+
+
+class Sensor:
+    """Readings of one sensor, period by period, as the wire would sum them up."""
+
+    def __init__(self, noise_V: float, seed: int) -> None:
+        self.noise_V, self.random = noise_V, np.random.default_rng(seed)
+        self.last, self.repeats, self.stuck_V = np.nan, 0, None
+
+    def period(self, level_V: float) -> Measurement:
+        noisy = level_V + self.noise_V * self.random.normal(size=READINGS)
+        readings = np.round(noisy / STEP_V) * STEP_V if self.stuck_V is None else np.full(READINGS, self.stuck_V)
+        steps = np.diff(np.concatenate(([self.last], readings))) ** 2
+        for reading in readings:
+            self.repeats = self.repeats + 1 if reading == self.last else 0
+            self.last = reading
+        steps = np.nan_to_num(steps)
+        jitter = float(steps.sum() - steps.max()) / (2 * READINGS - 2)
+        mean, variance = float(readings.mean()), float(readings.var(ddof=1))
+        return Measurement((mean,) * 4, (True,) * 4, 0.0, READINGS, (variance,) * 4, (jitter,) * 4, (self.repeats,) * 4)
+
+
+def watch(sensor: Sensor, channel: Channel, levels_V) -> list[int]:
+    """The periods in which the channel calls the sensor stuck."""
+    stuck = []
+    for number, level_V in enumerate(levels_V):
+        measurement = sensor.period(float(level_V))
+        channel.learn(measurement, 0, is_used=True)
+        if channel.is_stuck(measurement, 0):
+            stuck.append(number)
+    return stuck
+
+
+def wandering(periods: int) -> np.ndarray:
+    """A level that creeps through a few codes and rests at each for a while, in the middle of them and between."""
+    return 5.0 + 0.5 * STEP_V * np.floor(np.linspace(0.0, 8.0, periods))
+
+
+@pytest.mark.parametrize("noise_V", [0.002, 0.005, 0.0075, 0.05])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_sound_sensor_is_never_called_stuck(noise_V, seed):
+    assert watch(Sensor(noise_V, seed), Channel(FILE_NOISE_V**2), wandering(20_000)) == []
+
+
+@pytest.mark.parametrize(("noise_V", "within"), [(0.002, 14), (0.005, 4), (0.0075, 4), (0.05, 4)])
+def test_a_stuck_one_is_found_within_some_periods(noise_V, within):
+    sensor, channel = Sensor(noise_V, 3), Channel(FILE_NOISE_V**2)
+    assert watch(sensor, channel, wandering(1000)) == []
+    sensor.stuck_V = sensor.last
+    found = watch(sensor, channel, np.full(within, 5.0))
+    assert found
+    assert found[0] < within
+    assert found == list(range(found[0], within)), "once found it stays"
+
+
+def test_before_a_sensor_is_called_stuck_it_is_doubtful():
+    sensor, channel = Sensor(0.005, 4), Channel(FILE_NOISE_V**2)
+    watch(sensor, channel, wandering(500))
+    sensor.stuck_V = sensor.last
+    doubtful, stuck = [], []
+    for number in range(4):
+        measurement = sensor.period(5.0)
+        channel.learn(measurement, 0, is_used=True)
+        doubtful.append(channel.may_be_stuck(measurement, 0))
+        stuck.append(channel.is_stuck(measurement, 0))
+        assert doubtful[number] or not stuck[number]
+    assert doubtful.index(True) < stuck.index(True)
+
+
+def test_a_sensor_without_noise_is_not_judged():
+    sensor, channel = Sensor(0.0, 5), Channel(FILE_NOISE_V**2)
+    watch(sensor, channel, np.linspace(5.0, 5.2, 400))
+    stuck = watch(sensor, channel, np.full(LONGEST_RUN, 5.2))
+    assert stuck == []
+
+
+def test_a_run_as_long_as_one_before_it_is_no_news():
+    """A quiet signal repeats itself for as long as it lies in the middle of a code, however rarely it did before."""
+    sensor, channel = Sensor(0.005, 6), Channel(FILE_NOISE_V**2)
+    watch(sensor, channel, wandering(300))
+    channel.longest_run = 30
+    sensor.stuck_V = sensor.last
+    found = watch(sensor, channel, np.full(20, 5.0))
+    assert 2 * 30 <= READINGS * (found[0] + 1) < 2 * 30 + 2 * READINGS
+
+
+@pytest.mark.parametrize("noise_V", [0.1, 0.2])
+def test_a_sensor_known_for_its_noise_is_not_nonsense(noise_V):
+    sensor, channel = Sensor(noise_V, 7), Channel(FILE_NOISE_V**2)
+    for _ in range(20):
+        channel.learn(sensor.period(5.0), 0, is_used=True)
+        if channel.is_noisy():
+            channel.accept_noise()
+    for _ in range(5000):
+        channel.learn(sensor.period(5.0), 0, is_used=True)
+        assert not channel.is_garbage()
+    sensor.noise_V = 3.0
+    channel.learn(sensor.period(5.0), 0, is_used=True)
+    assert channel.is_garbage()
