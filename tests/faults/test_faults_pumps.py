@@ -88,6 +88,12 @@ def test_case_43_reservoir_low_while_a_pump_stands_still(tank):
     assert_tripped(run, AT_S, 2.0, "dry_run")
 
 
+def test_case_43_reservoir_low_and_an_outlet_blocked_at_once():
+    """A blocked tank keeps its water, which at first looks like a pump that still gives some."""
+    run = play(watched(fault("reservoir_low", AT_S + 0.21), fault("outlet_block", AT_S + 0.35, 1, 0.83)), seed=1926)
+    assert_tripped(run, AT_S, 2.0, "dry_run")
+
+
 def flapping(values, *, every_s=1.0, from_s=10.0, to_s=60.0):
     """A pump that loses a share of its gain and gets it back, again and again."""
     times = [from_s + i * 2 * every_s for i in range(int((to_s - from_s) / (2 * every_s)))]

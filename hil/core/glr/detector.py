@@ -132,7 +132,6 @@ class GlrDetector:
             return Diagnosis(new_alarms=tuple(alarms), level_V=level_V, is_diverged=self._is_diverged(m, h1))
         stuck = [j in m.declared and m.declared[j].kind == "pump_stuck_on" for j in PUMPS]
         distrusted = [m.distrusted(i) for i in range(4)]
-        unproven = None if m.unproven is None else m.unproven[0]
         return Diagnosis(
             verdict.effectiveness(m),
             tuple(alarms),
@@ -140,7 +139,7 @@ class GlrDetector:
             level_V,
             (stuck[0], stuck[1]),
             self._is_diverged(m, h1),
-            (unproven == 0, unproven == 1),
+            verdict.unproven(m),
             verdict.is_blind(m),
         )
 

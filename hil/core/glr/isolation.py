@@ -58,6 +58,7 @@ def isolate(setup: Setup, m: Memory, suspicion: Suspicion) -> list[Alarm]:
     if _catch_up(setup, m, r, H + 1, tuning.replay_budget):
         return _candidates(m, suspicion, _likely_by_bank(setup, m))
     evidence, order = _evidence(m)
+    suspicion.leader = order[0]
     state = JUMPS[order[0]].state if order[0] != BOTH else GAIN
     is_bias, is_drift = BIAS <= state < DRIFT, state >= DRIFT
     is_seen = m.now - int(r.onset[order[0]]) >= (tuning.least_drift_steps if is_drift else tuning.least_steps)

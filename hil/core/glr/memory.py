@@ -43,12 +43,17 @@ class Setup:
         return cls(tuning, process.constants(model, lag_s), walk, noise_V, EMPTY_STDS * noise_V)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Suspicion:
-    """An alarm that is not resolved yet: its number, None as long as it may be about a fault that has one; its time."""
+    """An alarm that is not resolved yet.
+
+    number : its own; None as long as it may be about a fault that has one. leader : the likeliest hypothesis, None
+    before the replays have told one.
+    """
 
     number: int | None
     detected_s: float
+    leader: int | None = None
 
 
 class Lost(NamedTuple):

@@ -16,8 +16,8 @@ STUCK_MOVED = 0.15
 IDLE_V = 0.5
 """A pump that gets less shows nothing of itself."""
 
-PROVEN_S = 1.0
-"""A pump that has been driven for so long without an alarm works."""
+PROVEN_S, PROVEN_SHARE = 1.0, 0.1
+"""A pump that has been driven for so long without an alarm works; one with less of its gain left does not."""
 
 BLIND_S = 3.0
 """How long an alarm may stand unresolved while a lower tank has no sensor."""
@@ -133,6 +133,16 @@ def watch_unproven(m: Memory) -> None:
     if m.entry[pump] >= IDLE_V and m.suspicion is None:
         driven_s += float(m.entry[10])
     m.unproven = None if driven_s >= PROVEN_S or PUMPS[1 - pump] not in m.declared else (pump, driven_s)
+
+
+def unproven(m: Memory) -> tuple[bool, bool]:
+    """(2,) pumps that may give no water: one that stood still, one that is dead if the likeliest suspicion is true."""
+    doubts = [m.unproven is not None and m.unproven[0] == pump for pump in PUMPS]
+    if m.suspicion is not None and m.suspicion.leader is not None:
+        for pump in PUMPS:
+            left = float(m.replays.x[m.suspicion.leader, GAIN + pump])
+            doubts[pump] |= pump in m.declared and left < PROVEN_SHARE * m.declared[pump].sound
+    return doubts[0], doubts[1]
 
 
 def is_blind(m: Memory) -> bool:
