@@ -7,6 +7,7 @@ once the line is full, timeout or not.
 from __future__ import annotations
 
 import errno
+import io
 import os
 import select
 import socket
@@ -26,9 +27,12 @@ class SerialLine:
         url, baud = _split(channel)
         try:
             self._port = serial.serial_for_url(url, baudrate=baud, timeout=0, exclusive=True)
-            self._fd: int = self._port.fileno()
-        except (termios.error, ValueError, AttributeError) as error:  # the last one: a URL without a descriptor
+        except (termios.error, ValueError) as error:
             raise OSError(errno.EINVAL, f"is no serial line: {error}") from None
+        try:
+            self._fd: int = self._port.fileno()
+        except (AttributeError, io.UnsupportedOperation):
+            raise OSError(errno.ENOTSUP, "has no descriptor: want a device or socket://HOST:PORT") from None
         if url.startswith("socket://"):
             _send_at_once(self._fd)
 

@@ -17,6 +17,26 @@ IDS = (0x201, 0x181, 0x182, 0x282, 0x701, 0x702)
 LEVELS_ID, STATUS_ID, COMMAND_ID, FOREIGN_ID = 0x182, 0x181, 0x201, 0x333
 BITRATE = 500_000
 
+GARBAGE = {
+    "byte beyond ASCII": b"t18\xff7\r",
+    "only bytes beyond ASCII": b"\x80\x81\xfe\xff\r",
+    "null bytes": b"\x00\x00\x00\r",
+    "noise": bytes(range(1, 256)) + b"\r",
+    "letters for digits": b"tXYZ8\r",
+    "no length": b"t182\r",
+    "nothing but its kind": b"t\r",
+    "length beyond 8": b"t182F11\r",
+    "payload shorter than its length": b"t18271122\r",
+    "half a byte": b"t18271122334455667\r",
+    "number above 0x7FF": b"tFFF0\r",
+    "negative number": b"t-110\r",
+    "empty line": b"\r",
+    "refusal": b"\a",
+    "many refusals": b"\a" * 50,
+    "answer to a command": b"z\r",
+    "version": b"V1013\r",
+}
+
 
 def frame(can_id=LEVELS_ID, data=b"\x01\x02\x03\x04\x05\x06\x07", **kind):
     return can.Message(arbitration_id=can_id, data=data, **({"is_extended_id": False} | kind))

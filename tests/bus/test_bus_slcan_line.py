@@ -6,7 +6,7 @@ import threading
 import time
 
 import pytest
-from bus_bench import COMMAND_ID, LEVELS_ID, RawAdapter, answer_opening, closing, line, next_frame, wait_for
+from bus_bench import COMMAND_ID, GARBAGE, LEVELS_ID, RawAdapter, answer_opening, closing, line, next_frame, wait_for
 
 from firmware_sim.links import open_pty
 from firmware_sim.slcan import SlcanPort
@@ -34,27 +34,6 @@ def settle(port):
     """Read until nothing comes any more."""
     for _ in range(6):
         port.receive(0.005)
-
-
-GARBAGE = {
-    "byte beyond ASCII": b"t18\xff7\r",
-    "only bytes beyond ASCII": b"\x80\x81\xfe\xff\r",
-    "null bytes": b"\x00\x00\x00\r",
-    "noise": bytes(range(1, 256)) + b"\r",
-    "letters for digits": b"tXYZ8\r",
-    "no length": b"t182\r",
-    "nothing but its kind": b"t\r",
-    "length beyond 8": b"t182F11\r",
-    "payload shorter than its length": b"t18271122\r",
-    "half a byte": b"t18271122334455667\r",
-    "number above 0x7FF": b"tFFF0\r",
-    "negative number": b"t-110\r",
-    "empty line": b"\r",
-    "refusal": b"\a",
-    "many refusals": b"\a" * 50,
-    "answer to a command": b"z\r",
-    "version": b"V1013\r",
-}
 
 
 @pytest.mark.parametrize("garbage", GARBAGE.values(), ids=GARBAGE.keys())
