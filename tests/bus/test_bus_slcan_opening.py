@@ -4,7 +4,7 @@ import os
 import select
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import can
 import pytest
@@ -52,10 +52,8 @@ def plugged(adapter):
             say(adapter.unasked())
 
     def say(data):
-        try:
+        with suppress(BlockingIOError):
             os.write(master, data)
-        except BlockingIOError:
-            pass
 
     thread = threading.Thread(target=serve, daemon=True)
     thread.start()
@@ -180,14 +178,7 @@ def test_one_that_acknowledges_nothing_but_tells_its_version_is_opened_all_the_s
 
     class Mute(Adapter):
         def answer(self, data):
-            return (
-                super()
-                .answer(data)
-                .replace(b"\a", b"")
-                .replace(b"z\r", b"")
-                .replace(b"\r", b"")
-                .replace(b"V1013", b"canable-1a2b3c\r")
-            )
+            return b"canable-1a2b3c\r" if b"V1013" in super().answer(data) else b""
 
     adapter = Mute()
     assert opened(adapter) < 2.0
@@ -244,9 +235,9 @@ def test_a_line_that_takes_no_commands_is_an_error_in_bounded_time(monkeypatch):
 NO_ADAPTER = {
     "/dev/nothing-there": "No such file",
     "/dev/null": "Could not configure port",
-    "/tmp": "Is a directory",
+    "/dev": "Is a directory",
     "socket://127.0.0.1:1": "refused",
-    "socket://127.0.0.1:70000": "out of range",
+    "socket://127.0.0.1:70000": "could not open port",
     "socket://127.0.0.1": "Could not open port",
     "udp://127.0.0.1:5": "protocol 'udp' not known",
     "loop://": "descriptor",
@@ -275,10 +266,6 @@ def test_a_baud_rate_may_stand_behind_the_device():
 
 
 def test_one_that_goes_while_it_is_opened_is_an_error():
-    class Going(Adapter):
-        def answer(self, data):
-            raise SystemExit
-
     master, path = open_pty()
     gone = threading.Timer(0.15, os.close, [master])
     gone.start()
