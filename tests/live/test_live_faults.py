@@ -15,11 +15,13 @@ from live_bench import (
     controller,
     emulator,
     hil,
+    lone_adapter,
     sent_s,
     wait_for,
     write_scenario,
 )
 
+from firmware_sim.wire import parse_command
 from hil.edge.run_folder import RunFolder
 from hil.review.ticks import read
 
@@ -141,19 +143,14 @@ def test_case_50_asked_to_end_it_ramps_down_and_closes_its_record(tmp_path, numb
 
 
 def test_asked_to_end_before_it_is_armed_it_ends_at_once(tmp_path):
-    """Nobody speaks on the line, so that it waits for the rig until the signal comes."""
+    """Nobody speaks on the bus, so that it waits for the rig until the signal comes."""
     scenario = write_scenario(tmp_path, arm_timeout=30.0)
-    with (
-        emulator(tmp_path / "node.jsonl") as rig,
-        controller(scenario, rig.channel, tmp_path / "run", *PLAIN) as run,
-    ):
-        rig.process.send_signal(signal.SIGSTOP)
-        wait_for(lambda: (tmp_path / "run/events.jsonl").exists())
-        time.sleep(0.5)
+    with lone_adapter() as (channel, sent), controller(scenario, channel, tmp_path / "run", *PLAIN) as run:
+        wait_for(lambda: len(sent) >= 5, timeout_s=40.0)
         run.process.send_signal(signal.SIGTERM)
         assert run.wait(5.0) == 143, (run.out, run.err)
         assert run.json("run.json")["status"] == "stopped"
-        assert not rig.has_ever_applied()
+    assert not any(parse_command(frame).enable for frame in sent)
 
 
 def test_case_48_a_stopped_controller_trips_and_sends_no_burst_afterwards(tmp_path):
