@@ -38,6 +38,7 @@ class SerialLine:
 
     def read(self, timeout_s: float | None) -> bytes:
         """What has come, at most READ_SIZE bytes; nothing after timeout_s (None: waits). Raises OSError."""
+        self._require_open()
         if not select.select([self._fd], [], [], timeout_s)[0]:
             return b""
         try:
@@ -50,6 +51,7 @@ class SerialLine:
 
     def write(self, data: bytes, timeout_s: float) -> int:
         """How many bytes the line has taken within timeout_s, none when it is full. Raises OSError."""
+        self._require_open()
         if not select.select([], [self._fd], [], timeout_s)[1]:
             return 0
         try:
@@ -59,7 +61,12 @@ class SerialLine:
 
     def close(self) -> None:
         """Let go of it; what waits in it is the system's. Raises OSError."""
+        self._fd = -1  # another file may soon have its number
         self._port.close()
+
+    def _require_open(self) -> None:
+        if self._fd < 0:
+            raise OSError(errno.EBADF, "the line is closed")
 
 
 def _send_at_once(fd: int) -> None:

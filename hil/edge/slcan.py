@@ -106,7 +106,7 @@ class SlcanBus(can.BusABC):
         try:
             taken = self._line.write(data, timeout or 0.0)
         except OSError as error:
-            raise can.CanOperationError(f"the adapter is gone: {error.strerror}", error.errno) from None
+            raise can.CanOperationError(f"no adapter: {error.strerror}", error.errno) from None
         if taken < len(data):
             self._is_cut = self._is_cut or taken > 0
             self._drop("the adapter takes no more")
@@ -136,7 +136,7 @@ class SlcanBus(can.BusABC):
         try:
             data = self._line.read(timeout_s)
         except OSError as error:
-            raise can.CanOperationError(f"the adapter is gone: {error.strerror}", error.errno) from None
+            raise can.CanOperationError(f"no adapter: {error.strerror}", error.errno) from None
         if not data:
             return False
         answers = self.lines.done + self.lines.refused

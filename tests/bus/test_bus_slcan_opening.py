@@ -111,7 +111,7 @@ def refused(adapter, bitrate=BITRATE):
 )
 def test_every_bit_rate_has_its_command(bitrate, command):
     adapter = Adapter()
-    assert opened(adapter, bitrate) < 1.0
+    assert opened(adapter, bitrate) < 2.0
     assert b"C\rV\r" + command + b"\rO\r" in adapter.heard
 
 
@@ -126,7 +126,7 @@ def test_whatever_state_it_was_left_in(before):
     """Open, listening, stamping frames, or with half a command in its buffer."""
     adapter = Adapter()
     adapter.port.feed(before)
-    assert opened(adapter) < 1.0
+    assert opened(adapter) < 2.0
 
 
 def test_frames_of_the_last_host_are_not_taken_for_new_ones_and_hold_nothing_up():
@@ -269,6 +269,6 @@ def test_one_that_goes_while_it_is_opened_is_an_error():
     master, path = open_pty()
     gone = threading.Timer(0.15, os.close, [master])
     gone.start()
-    with pytest.raises(BusError, match="the adapter is gone"):
+    with pytest.raises(BusError, match="no adapter: "):
         BusAddress("slcan", path, BITRATE).open(IDS)
     gone.join()
