@@ -81,13 +81,12 @@ class BusPort:
     def receive(self, timeout_s: float) -> can.Message | None:
         """The next frame, or None after timeout_s or a failure."""
         try:
-            message = self._bus.recv(timeout_s)
+            return self._bus.recv(timeout_s)
         except BUS_ERRORS as error:
             self.receive_failures += 1
             self.is_up = False
             self.last_error = str(error)
             return None
-        return message
 
     def waiting(self) -> list[can.Message]:
         """What has arrived so far; bounded, so that a babbling node can't hold a step up."""
