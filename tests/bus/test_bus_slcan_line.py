@@ -130,22 +130,25 @@ def test_a_command_goes_out_as_one_line_with_nothing_added(adapter):
 
 
 def send_until_it_fails(port, longest_s):
-    """Sends that succeeded before three failed, and the longest that any one took."""
-    sent, slowest_s, end_s = 0, 0.0, time.monotonic() + longest_s
+    """Sends that succeeded before three failed, and how long the third slowest of all took.
+
+    If a full line blocked sends, the three that failed would all be slow. One or two may be: a busy machine's doing.
+    """
+    sent, times_s, end_s = 0, [], time.monotonic() + longest_s
     while port.is_up and time.monotonic() < end_s:
         started_s = time.monotonic()
         sent += port.send(COMMAND_ID, bytes(6), 0.0)
-        slowest_s = max(slowest_s, time.monotonic() - started_s)
-    return sent, slowest_s
+        times_s.append(time.monotonic() - started_s)
+    return sent, sorted(times_s)[-3]
 
 
 def test_an_adapter_that_does_not_read_fails_sends_and_never_blocks_them():
     """Writing without waiting used to spin for ever inside pyserial once the line's buffer was full."""
     with closing(RawAdapter(receive_buffer=2048)) as adapter:
-        sent, slowest_s = send_until_it_fails(adapter.port, 20.0)
+        sent, third_slowest_s = send_until_it_fails(adapter.port, 20.0)
         assert not adapter.port.is_up, sent
         assert adapter.port.send_failures == 3
-        assert slowest_s < 0.1
+        assert third_slowest_s < 0.1
 
 
 def test_after_a_failed_send_nothing_of_it_is_sent_later():
@@ -188,9 +191,9 @@ def test_a_tty_is_not_waited_for_to_drain(opened_pty, monkeypatch):
 
 def test_a_pty_that_nobody_reads_fails_sends_and_never_blocks_them(opened_pty):
     _, port = opened_pty
-    sent, slowest_s = send_until_it_fails(port, 10.0)
+    sent, third_slowest_s = send_until_it_fails(port, 10.0)
     assert not port.is_up, sent
-    assert slowest_s < 0.1
+    assert third_slowest_s < 0.1
 
 
 def test_an_adapter_that_has_stopped_answering_gets_no_more_commands(adapter):
