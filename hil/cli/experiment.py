@@ -51,8 +51,8 @@ def simulate(bench: Bench, options: Options, on_progress: Callable[[int], None] 
     folder = RunFolder.create(options.out, run_plan(bench, is_live=False, seed=options.seed))
     with ExitStack() as stack:
         ours, theirs = (stack.enter_context(end) for end in pair())
-        record = stack.enter_context(_Record(_recorder(folder, bench, config, options, with_truth=True)))
         port = BusPort(ours)
+        record = stack.enter_context(_Record(_recorder(folder, bench, config, options, with_truth=True), port))
         loop = _loop(bench, config, options, port, record.recorder, true_level_cm=lambda: emulator.levels_cm)
         record.outcome = lockstep.run(loop, port, EmulatorPort(emulator, theirs), config.loop.period_s, on_progress)
     return kpi.compute(folder)
@@ -69,7 +69,7 @@ def run_live(
         stack.callback(port.close)
         folder = RunFolder.create(options.out, run_plan(bench, is_live=True, seed=None))
         recorder = QueuedRecorder(_recorder(folder, bench, config, options, with_truth=False)).start()
-        record = stack.enter_context(_Record(recorder))
+        record = stack.enter_context(_Record(recorder, port))
         loop = _loop(bench, config, options, port, recorder, on_tick=on_tick)
         stop = stack.enter_context(StopSignal())
         record.outcome = runtime.run(
@@ -81,8 +81,9 @@ def run_live(
 class _Record:
     """Closes a recorder whatever happens, with how the run ended and what became of its commands as the last event."""
 
-    def __init__(self, recorder: Recorder | QueuedRecorder) -> None:
+    def __init__(self, recorder: Recorder | QueuedRecorder, port: BusPort) -> None:
         self.recorder = recorder
+        self._port = port
         self.outcome: Outcome | None = None
         self._started = time.perf_counter()
 
@@ -103,6 +104,7 @@ class _Record:
             "commands_sent": outcome.commands_sent,
             "commands_lost": outcome.commands_lost,
             "frames_lost": outcome.frames_lost,
+            **{f"line_{name}": number for name, number in self._port.line_counts.items()},
         }
         self.recorder.event(outcome.t_s, Event(severity, "end", f"{outcome.status}: {outcome.reason}", counts))
         self.recorder.close(outcome.status, outcome.reason, speed_x=outcome.t_s / wall_s)

@@ -6,24 +6,19 @@ it and, when the link is gone, says so in `is_up`, which trips the supervisor.
 
 from __future__ import annotations
 
-import errno
-import select
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 import can
-from can.interfaces.slcan import slcanBus
+from can.typechecking import CanFilter
+
+from hil.edge.slcan import SlcanBus
 
 BUS_ERRORS = (can.CanError, OSError, ValueError, IndexError)
 """What python-can's interfaces raise on a bad line, a lost adapter, a full queue."""
 
 SEND_FAILURES_IN_A_ROW = 3
-RECEIVE_FAILURES_IN_A_ROW = 20
 LARGEST_BATCH = 1000
-LONGEST_LINE = 1024
-SLCAN_POLL_S = 0.005
-"""Without any time python-can reads a single byte of what waits."""
 
 
 class BusError(Exception):
@@ -44,14 +39,13 @@ class BusAddress:
         Configuration files and variables of python-can are not read. Raises BusError.
         """
         options: dict[str, Any] = {"bitrate": self.bitrate} if self.interface != "virtual" else {}
-        if self.interface == "slcan":
-            is_network = "://" in self.channel
-            options["sleep_after_open"] = 0.0 if is_network else 2.0
         if self.interface == "socketcan":
             del options["bitrate"]  # set by whoever brings the link up
-        filters = [{"can_id": can_id, "can_mask": 0x7FF, "extended": False} for can_id in ids]
+        filters: list[CanFilter] = [{"can_id": can_id, "can_mask": 0x7FF, "extended": False} for can_id in ids]
         try:
-            bus = can.Bus(
+            if self.interface == "slcan":
+                return SlcanBus(self.channel, self.bitrate, filters)
+            return can.Bus(
                 interface=self.interface,
                 channel=self.channel,
                 can_filters=filters,
@@ -66,13 +60,6 @@ class BusAddress:
             raise BusError(
                 f"bus {self.interface} {self.channel!r} at {self.bitrate} bit/s can't be opened: {error}{hint}"
             ) from None
-        if isinstance(bus, slcanBus):
-            bus.serialPortOrig.flush = _go_on  # after each line; on a tty it would wait for as long as the adapter does
-        return bus
-
-
-def _go_on() -> None:
-    """Leave it to the system to drain a serial line."""
 
 
 class BusPort:
@@ -80,31 +67,31 @@ class BusPort:
 
     def __init__(self, bus: can.BusABC) -> None:
         self._bus = bus
-        self._poll_s = SLCAN_POLL_S if isinstance(bus, slcanBus) else 0.0
         self._failed_sends = 0
-        self._failed_receives = 0
         self.send_failures = 0
         self.receive_failures = 0
         self.is_up = True
         self.last_error = ""
 
+    @property
+    def line_counts(self) -> dict[str, int]:
+        """What an slcan adapter has refused and we have dropped, by cause; empty on other buses."""
+        return self._bus.counts if isinstance(self._bus, SlcanBus) else {}
+
     def receive(self, timeout_s: float) -> can.Message | None:
         """The next frame, or None after timeout_s or a failure."""
         try:
-            message = self._bus.recv(timeout_s)
+            return self._bus.recv(timeout_s)
         except BUS_ERRORS as error:
-            self._note_receive_failure(error)
+            self.receive_failures += 1
+            self.is_up = False
+            self.last_error = str(error)
             return None
-        if message is not None:
-            self._failed_receives = 0
-        elif isinstance(self._bus, slcanBus) and len(self._bus._buffer) > LONGEST_LINE:
-            self._note_receive_failure(UnicodeError("a line without end"))
-        return message
 
     def waiting(self) -> list[can.Message]:
         """What has arrived so far; bounded, so that a babbling node can't hold a step up."""
         messages: list[can.Message] = []
-        while len(messages) < LARGEST_BATCH and (message := self.receive(self._poll_s)) is not None:
+        while len(messages) < LARGEST_BATCH and (message := self.receive(0.0)) is not None:
             messages.append(message)
         return messages
 
@@ -112,12 +99,11 @@ class BusPort:
         """Send one frame now or not at all; whether it went out."""
         message = can.Message(timestamp_s, frame_id, is_extended_id=False, data=data, is_rx=False)
         try:
-            self._require_room()
             self._bus.send(message, timeout=0)
         except BUS_ERRORS as error:
             self.send_failures += 1
             self._failed_sends += 1
-            self.last_error = _wording(error)
+            self.last_error = str(error)
             if self._failed_sends >= SEND_FAILURES_IN_A_ROW:
                 self.is_up = False
             return False
@@ -130,29 +116,3 @@ class BusPort:
             self._bus.shutdown()
         except BUS_ERRORS as error:
             self.last_error = str(error)
-
-    def _require_room(self) -> None:
-        """Raise OSError when the line to an slcan adapter is full; pyserial would try for ever, timeout or not."""
-        if isinstance(self._bus, slcanBus):
-            with suppress(NotImplementedError):  # a line without a descriptor
-                if not select.select([], [self._bus], [], 0)[1]:
-                    raise OSError(errno.ENOBUFS, "the adapter takes no more")
-
-    def _note_receive_failure(self, error: Exception) -> None:
-        """A garbled line is dropped with what stands around it; a failing link is down."""
-        self.receive_failures += 1
-        self._failed_receives += 1
-        self.last_error = _wording(error)
-        reason = error.__cause__ or error  # python-can wraps a byte that is not ASCII into an error of its own
-        is_garbled = isinstance(reason, ValueError | IndexError)
-        if not is_garbled or self._failed_receives >= RECEIVE_FAILURES_IN_A_ROW:
-            self.is_up = False
-        elif isinstance(reason, UnicodeError) and isinstance(self._bus, slcanBus):
-            try:
-                self._bus.flush()  # its buffer would raise the same error for ever
-            except BUS_ERRORS:
-                self.is_up = False
-
-
-def _wording(error: Exception) -> str:
-    return f"{error}: {error.__cause__}" if error.__cause__ else str(error)

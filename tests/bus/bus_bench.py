@@ -10,12 +10,32 @@ from contextlib import contextmanager, suppress
 import can
 
 from firmware_sim.links import SlcanLink, listen, open_pty
-from firmware_sim.slcan import Channel
+from firmware_sim.slcan import Channel, SlcanPort
 from hil.edge.bus import BusAddress, BusPort
 
 IDS = (0x201, 0x181, 0x182, 0x282, 0x701, 0x702)
 LEVELS_ID, STATUS_ID, COMMAND_ID, FOREIGN_ID = 0x182, 0x181, 0x201, 0x333
 BITRATE = 500_000
+
+GARBAGE = {
+    "byte beyond ASCII": b"t18\xff7\r",
+    "only bytes beyond ASCII": b"\x80\x81\xfe\xff\r",
+    "null bytes": b"\x00\x00\x00\r",
+    "noise": bytes(range(1, 256)) + b"\r",
+    "letters for digits": b"tXYZ8\r",
+    "no length": b"t182\r",
+    "nothing but its kind": b"t\r",
+    "length beyond 8": b"t182F11\r",
+    "payload shorter than its length": b"t18271122\r",
+    "half a byte": b"t18271122334455667\r",
+    "number above 0x7FF": b"tFFF0\r",
+    "negative number": b"t-110\r",
+    "empty line": b"\r",
+    "refusal": b"\a",
+    "many refusals": b"\a" * 50,
+    "answer to a command": b"z\r",
+    "version": b"V1013\r",
+}
 
 
 def frame(can_id=LEVELS_ID, data=b"\x01\x02\x03\x04\x05\x06\x07", **kind):
@@ -74,36 +94,40 @@ class VirtualFar:
 
 
 class SlcanFar:
-    """The emulator's slcan adapter behind a descriptor, served in a thread."""
+    """The emulator's slcan adapter behind a descriptor, served in a thread from before our end is opened."""
 
-    def __init__(self, fd, bus, *owned):
-        self.port = BusPort(bus)
-        self._owned = owned
-        self._link = SlcanLink(fd)
+    def __init__(self, channel, connect):
+        """connect : waits for our end; returns the descriptor of the far one, and what closes it."""
+        self._connect = connect
         self._lock = threading.Lock()
         self._frames = []
         self._is_over = False
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
-        wait_for(lambda: self._link.port.channel is Channel.OPEN)
+        self.port = BusPort(BusAddress("slcan", channel, BITRATE).open(IDS))
+        assert self._link.port.channel is Channel.OPEN
 
     @classmethod
     def on_tcp(cls):
-        with listen(0) as listener:
-            channel = f"socket://127.0.0.1:{listener.getsockname()[1]}"
-            bus = BusAddress("slcan", channel, BITRATE).open(IDS)
-            listener.setblocking(True)
-            client, _ = listener.accept()
-        return cls(client.fileno(), bus, client.close)
+        listener = listen(0)
+        listener.setblocking(True)
+
+        def connect():
+            with listener:
+                client, _ = listener.accept()
+            return client.fileno(), client.close
+
+        return cls(f"socket://127.0.0.1:{listener.getsockname()[1]}", connect)
 
     @classmethod
     def on_pty(cls):
-        """Opened as BusAddress does, only without the two seconds that real adapters are given to boot."""
         master, path = open_pty()
-        bus = can.Bus(
-            path, "slcan", bitrate=BITRATE, can_filters=filters_for(IDS), sleep_after_open=0, ignore_config=True
-        )
-        return cls(master, bus, lambda: os.close(master))
+        held = os.open(path, os.O_RDWR | os.O_NOCTTY)  # without anybody the master would hang up
+
+        def connect():
+            return master, lambda: (os.close(master), os.close(held))
+
+        return cls(path, connect)
 
     def send(self, *frames):
         with self._lock:
@@ -116,17 +140,18 @@ class SlcanFar:
         return list(self._frames)
 
     def vanish(self):
-        self._is_over = True
-        self._thread.join()
-        for let_go in self._owned:
-            let_go()
-        self._owned = ()
+        if self._thread.is_alive():
+            self._is_over = True
+            self._thread.join()
+            self._let_go()
 
     def close(self):
         self.port.close()
         self.vanish()
 
     def _serve(self):
+        fd, self._let_go = self._connect()
+        self._link = SlcanLink(fd)
         while not self._is_over:
             select.select([self._link.fd], [], [], 0.002)
             with self._lock:
@@ -134,8 +159,16 @@ class SlcanFar:
                 self._link.flush()
 
 
+def answer_opening(read, write):
+    """Be an adapter until its channel is open; what else comes meanwhile is answered as it would be."""
+    adapter = SlcanPort()
+    while adapter.channel is not Channel.OPEN:
+        reply, _ = adapter.feed(read())
+        write(reply)
+
+
 class RawAdapter:
-    """A TCP end of an slcan line that says what it is told to, and reads only when asked."""
+    """A TCP end of an slcan line that, once opened, says what it is told to, and reads only when asked."""
 
     def __init__(self, receive_buffer=None):
         self._listener = socket.socket()
@@ -144,8 +177,19 @@ class RawAdapter:
         self._listener.bind(("127.0.0.1", 0))
         self._listener.listen(1)
         self.channel = f"socket://127.0.0.1:{self._listener.getsockname()[1]}"
-        self.port = BusPort(BusAddress("slcan", self.channel, BITRATE).open(IDS))  # the kernel accepts for us
+        opening = threading.Thread(target=self._open, daemon=True)
+        opening.start()
+        self.port = BusPort(BusAddress("slcan", self.channel, BITRATE).open(IDS))
+        opening.join()
+
+    def _open(self):
         self.client, _ = self._listener.accept()
+        self.client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        answer_opening(lambda: self.client.recv(4096), self.client.sendall)
+
+    @property
+    def bus(self):
+        return self.port._bus
 
     def say(self, data):
         self.client.sendall(data)

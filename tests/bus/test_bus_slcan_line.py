@@ -1,15 +1,19 @@
 """The slcan line as it may come from a bad cable, a bad adapter or one that has stopped reading."""
 
 import os
+import termios
+import threading
 import time
 
 import can
 import pytest
-import serial
-from bus_bench import COMMAND_ID, LEVELS_ID, RawAdapter, closing, line, next_frame, wait_for
+from bus_bench import COMMAND_ID, GARBAGE, LEVELS_ID, RawAdapter, answer_opening, closing, line, next_frame, wait_for
 
 from firmware_sim.links import open_pty
+from firmware_sim.slcan import SlcanPort
 from hil.edge.bus import LARGEST_BATCH, BusAddress, BusPort
+from hil.edge.slcan import STALE_S
+from hil.edge.slcan_lines import LONGEST_LINE
 
 GOOD = b"\x11\x22\x33\x44\x55\x66\x77"
 
@@ -33,27 +37,6 @@ def settle(port):
         port.receive(0.005)
 
 
-GARBAGE = {
-    "byte beyond ASCII": b"t18\xff7\r",
-    "only bytes beyond ASCII": b"\x80\x81\xfe\xff\r",
-    "null bytes": b"\x00\x00\x00\r",
-    "noise": bytes(range(1, 256)) + b"\r",
-    "letters for digits": b"tXYZ8\r",
-    "no length": b"t182\r",
-    "nothing but its kind": b"t\r",
-    "length beyond 8": b"t182F11\r",
-    "payload shorter than its length": b"t18271122\r",
-    "half a byte": b"t18271122334455667\r",
-    "number above 0x7FF": b"tFFF0\r",
-    "negative number": b"t-110\r",
-    "empty line": b"\r",
-    "refusal": b"\a",
-    "many refusals": b"\a" * 50,
-    "answer to a command": b"z\r",
-    "version": b"V1013\r",
-}
-
-
 @pytest.mark.parametrize("garbage", GARBAGE.values(), ids=GARBAGE.keys())
 def test_the_next_frame_after_garbage_is_received(adapter, garbage):
     """One byte beyond ASCII used to count as a lost link: python-can hides the cause inside its own error."""
@@ -63,21 +46,42 @@ def test_the_next_frame_after_garbage_is_received(adapter, garbage):
     assert_still_receives(adapter)
 
 
-@pytest.mark.parametrize("garbage", [GARBAGE["byte beyond ASCII"], GARBAGE["length beyond 8"]])
-def test_garbage_in_the_midst_of_frames_costs_frames_but_not_the_link(adapter, garbage):
+@pytest.mark.parametrize("garbage", GARBAGE.values(), ids=GARBAGE.keys())
+def test_garbage_in_the_midst_of_frames_costs_none_of_them(adapter, garbage):
     for _ in range(30):
-        adapter.say(line() + garbage + line())
-        settle(adapter.port)
-    assert adapter.port.receive_failures >= 30
+        adapter.say(line(data=GOOD) + garbage + line(data=GOOD))
+    got = [next_frame(adapter.port) for _ in range(60)]
+    assert [bytes(message.data) for message in got] == [GOOD] * 60
     assert adapter.port.is_up
+
+
+REJECTED = {
+    "byte beyond ASCII": {"rejected_garbled": 1},
+    "letters for digits": {"rejected_identifier": 1},
+    "length beyond 8": {"rejected_length": 1},
+    "payload shorter than its length": {"rejected_payload": 1},
+    "half a byte": {"rejected_payload": 1},
+    "number above 0x7FF": {"rejected_identifier": 1},
+    "many refusals": {"refused": 50},
+    "answer to a command": {},
+    "version": {},
+}
+
+
+@pytest.mark.parametrize("name", REJECTED)
+def test_what_is_dropped_is_counted_by_its_cause(adapter, name):
+    adapter.say(GARBAGE[name])
     assert_still_receives(adapter)
+    assert adapter.port.line_counts == {"refused": 0, "dropped": 0} | REJECTED[name]
 
 
-def test_nothing_but_garbage_is_a_lost_link(adapter):
-    adapter.say(GARBAGE["length beyond 8"] * 30)
-    for _ in range(30):
-        adapter.port.receive(0.005)
-    assert not adapter.port.is_up
+def test_nothing_but_garbage_leaves_the_link_up(adapter):
+    """That nothing of ours comes is seen by its age, whatever else comes; a link whose bytes arrive is not lost."""
+    adapter.say(GARBAGE["length beyond 8"] * 300)
+    settle(adapter.port)
+    assert adapter.port.line_counts["rejected_length"] == 300
+    assert (adapter.port.is_up, adapter.port.receive_failures) == (True, 0)
+    assert_still_receives(adapter)
 
 
 def test_a_line_may_come_in_pieces(adapter):
@@ -92,23 +96,15 @@ def test_a_line_may_come_in_pieces(adapter):
 
 
 def test_a_line_without_end_fills_no_memory_and_reception_goes_on(adapter):
-    for failures in range(1, 11):
+    for _ in range(100):
         adapter.say(b"A" * 1500)
-        while adapter.port.receive_failures < failures:
-            adapter.port.receive(0.002)
-            assert len(adapter.port._bus._buffer) <= 1500
+        adapter.port.receive(0.002)
+        assert adapter.bus.lines.kept <= LONGEST_LINE
     adapter.say(b"\r")
     settle(adapter.port)
+    assert adapter.port.line_counts["rejected_endless"] == 1
     assert adapter.port.is_up
     assert_still_receives(adapter)
-
-
-def test_a_line_without_any_end_is_a_lost_link(adapter):
-    end_s = time.monotonic() + 10.0
-    while adapter.port.is_up and time.monotonic() < end_s:
-        adapter.say(b"A" * 1500)
-        adapter.port.receive(0.005)
-    assert not adapter.port.is_up
 
 
 def test_a_babbling_line_can_not_hold_a_step_up(adapter):
@@ -129,28 +125,30 @@ def test_a_flood_of_foreign_frames_does_not_keep_receive_past_its_time(adapter):
 
 
 def test_a_command_goes_out_as_one_line_with_nothing_added(adapter):
-    wait_for(lambda: adapter.heard().endswith(b"O\r"))
     assert adapter.port.send(COMMAND_ID, GOOD[:6], 0.0)
     assert wait_for(adapter.heard) == line(COMMAND_ID, GOOD[:6])
 
 
 def send_until_it_fails(port, longest_s):
-    """Sends that succeeded before three failed, and the longest that any one took."""
-    sent, slowest_s, end_s = 0, 0.0, time.monotonic() + longest_s
+    """Sends that succeeded before three failed, and how long the third slowest of all took.
+
+    If a full line blocked sends, the three that failed would all be slow. One or two may be: a busy machine's doing.
+    """
+    sent, times_s, end_s = 0, [], time.monotonic() + longest_s
     while port.is_up and time.monotonic() < end_s:
         started_s = time.monotonic()
         sent += port.send(COMMAND_ID, bytes(6), 0.0)
-        slowest_s = max(slowest_s, time.monotonic() - started_s)
-    return sent, slowest_s
+        times_s.append(time.monotonic() - started_s)
+    return sent, sorted(times_s)[-3]
 
 
 def test_an_adapter_that_does_not_read_fails_sends_and_never_blocks_them():
     """Writing without waiting used to spin for ever inside pyserial once the line's buffer was full."""
     with closing(RawAdapter(receive_buffer=2048)) as adapter:
-        sent, slowest_s = send_until_it_fails(adapter.port, 20.0)
+        sent, third_slowest_s = send_until_it_fails(adapter.port, 20.0)
         assert not adapter.port.is_up, sent
         assert adapter.port.send_failures == 3
-        assert slowest_s < 0.1
+        assert third_slowest_s < 0.1
 
 
 def test_after_a_failed_send_nothing_of_it_is_sent_later():
@@ -167,27 +165,125 @@ def test_after_a_failed_send_nothing_of_it_is_sent_later():
         assert heard.count(line(COMMAND_ID, bytes(6))) == sent
 
 
-def test_a_tty_is_not_waited_for_to_drain(monkeypatch):
+@pytest.fixture
+def opened_pty():
+    """The master of a pty whose slave is open as a bus, after which nobody answers any more."""
+    master, path = open_pty()
+    held = os.open(path, os.O_RDWR | os.O_NOCTTY)
+    opening = threading.Thread(
+        target=answer_opening, args=(lambda: os.read(master, 4096), lambda data: os.write(master, data)), daemon=True
+    )
+    opening.start()
+    port = BusPort(BusAddress("slcan", path, 500_000).open((LEVELS_ID,)))
+    opening.join()
+    os.close(held)
+    yield master, port
+    os.close(master)
+    port.close()
+
+
+def test_a_tty_is_not_waited_for_to_drain(opened_pty, monkeypatch):
     """An adapter that has stalled would otherwise hold the control loop in tcdrain until a signal came."""
-    master, path = open_pty()
-    monkeypatch.setattr("can.interfaces.slcan.time.sleep", lambda _: None)
-    bus = BusAddress("slcan", path, 500_000).open((LEVELS_ID,))
-    monkeypatch.setattr(serial.Serial, "flush", lambda _: pytest.fail("waits for the adapter"))
-    port = BusPort(bus)
-    try:
-        assert port.send(COMMAND_ID, GOOD[:6], 0.0), port.last_error
-    finally:
-        os.close(master)
-        port.close()
+    monkeypatch.setattr(termios, "tcdrain", lambda _: pytest.fail("waits for the adapter"))
+    _, port = opened_pty
+    assert port.send(COMMAND_ID, GOOD[:6], 0.0), port.last_error
 
 
-def test_a_pty_that_nobody_reads_fails_sends_and_never_blocks_them():
-    master, path = open_pty()
-    port = BusPort(can.Bus(path, "slcan", bitrate=500_000, sleep_after_open=0, ignore_config=True))
-    try:
-        sent, slowest_s = send_until_it_fails(port, 10.0)
-        assert not port.is_up, sent
-        assert slowest_s < 0.1
-    finally:
-        os.close(master)
-        port.close()
+def test_a_pty_that_nobody_reads_fails_sends_and_never_blocks_them(opened_pty):
+    _, port = opened_pty
+    sent, third_slowest_s = send_until_it_fails(port, 10.0)
+    assert not port.is_up, sent
+    assert third_slowest_s < 0.1
+
+
+def test_an_adapter_that_has_stopped_answering_gets_no_more_commands(adapter):
+    """What waits in the line can't be taken back: of an adapter that answers, it is a quarter of a second's worth."""
+    adapter.port.send(COMMAND_ID, GOOD[:6], 0.0)
+    adapter.say(b"z\r")
+    adapter.port.receive(0.02)
+    adapter.heard()
+    started_s = time.monotonic()
+    while adapter.port.send(COMMAND_ID, GOOD[:6], 0.0):
+        assert time.monotonic() - started_s < 2.0
+        time.sleep(0.02)
+    assert STALE_S <= time.monotonic() - started_s < STALE_S + 0.5
+    assert adapter.port.line_counts["dropped"] == 1
+    assert "not answered" in adapter.port.last_error
+    adapter.heard()
+    adapter.say(b"z\r")
+    wait_for(lambda: adapter.port.receive(0.01) or adapter.port.send(COMMAND_ID, GOOD[:6], 0.0))
+    assert wait_for(adapter.heard) == line(COMMAND_ID, GOOD[:6]), "the refused one does not follow"
+
+
+def test_answers_that_wait_unread_are_seen_before_a_command_is_dropped(adapter):
+    """A controller that was stopped for a second finds them when it goes on."""
+    adapter.port.send(COMMAND_ID, GOOD[:6], 0.0)
+    adapter.say(b"z\r")
+    adapter.port.receive(0.02)
+    adapter.port.send(COMMAND_ID, GOOD[:6], 0.0)
+    adapter.say(line(data=GOOD) * 200 + b"z\r")
+    time.sleep(STALE_S + 0.1)
+    assert adapter.port.send(COMMAND_ID, GOOD[:6], 0.0), adapter.port.last_error
+    assert len(adapter.port.waiting()) == 200
+
+
+@pytest.mark.parametrize("refusal", [b"\a", b"\a\r"])
+def test_refused_commands_are_counted_and_leave_the_link_up(adapter, refusal):
+    for _ in range(5):
+        assert adapter.port.send(COMMAND_ID, GOOD[:6], 0.0)
+        adapter.say(refusal)
+        adapter.port.receive(0.02)
+    assert adapter.port.line_counts["refused"] == 5
+    assert adapter.port.is_up
+
+
+def test_a_line_of_which_a_part_went_out_is_not_completed_by_the_next(adapter, monkeypatch):
+    """Half of a command in the adapter's buffer: what comes next must not make it whole, or be swallowed by it."""
+    serial_line = adapter.bus._line
+    whole, sizes = serial_line.write, [7, 3]
+    monkeypatch.setattr(
+        serial_line, "write", lambda data, timeout_s: whole(data[: sizes.pop()] if sizes else data, timeout_s)
+    )
+    assert not adapter.port.send(COMMAND_ID, GOOD[:6], 0.0)
+    assert not adapter.port.send(COMMAND_ID, GOOD[:6], 0.0)
+    assert adapter.port.send(COMMAND_ID, b"\xee" * 6, 0.0)
+    heard = wait_for(adapter.heard)
+    _, frames = opened_adapter().feed(heard)
+    assert [bytes(frame.data) for frame in frames] == [b"\xee" * 6]
+
+
+def opened_adapter():
+    adapter = SlcanPort()
+    adapter.feed(b"O\r")
+    return adapter
+
+
+def test_what_python_cans_users_know_works(adapter):
+    """Notifier, filters, recv without a time, frames that can't be said, shutdown twice."""
+    bus = adapter.bus
+    heard = can.BufferedReader()
+    notifier = can.Notifier(bus, [heard], timeout=0.05)
+    adapter.say(line(data=GOOD))
+    assert bytes(heard.get_message(2.0).data) == GOOD
+    notifier.stop()
+    bus.set_filters([{"can_id": 0x333, "can_mask": 0x7FF}])
+    adapter.say(line(data=GOOD) + line(0x333, b"\x01"))
+    message = bus.recv()
+    assert (message.arbitration_id, bytes(message.data), message.is_rx) == (0x333, b"\x01", True)
+    assert message.timestamp == pytest.approx(time.time(), abs=5.0)
+    with pytest.raises(ValueError, match="slcan has neither"):
+        bus.send(can.Message(is_fd=True, data=bytes(12)))
+    bus.shutdown()
+    bus.shutdown()
+    for call in (lambda: bus.recv(0.0), lambda: bus.send(can.Message(data=b""))):
+        with pytest.raises(can.CanOperationError, match="the line is closed"):
+            call()
+
+
+def test_a_frame_sent_waits_for_room_as_long_as_it_is_told_to():
+    with closing(RawAdapter(receive_buffer=2048)) as adapter:
+        send_until_it_fails(adapter.port, 20.0)
+        started_s = time.monotonic()
+        with pytest.raises(can.CanOperationError, match="takes no more"):
+            adapter.bus.send(can.Message(data=b""), timeout=0.2)
+        assert 0.2 <= time.monotonic() - started_s < 0.7

@@ -6,6 +6,7 @@ import socket
 
 import pytest
 from cli_bench import CONFIG, assert_refused, config_copy, run_script, scenario_text
+from live_bench import lone_adapter
 
 BAD_SCENARIOS = {
     "unknown table": ("[surprise]\nx = 1", "surprise"),
@@ -280,9 +281,10 @@ def test_a_folder_that_exists_is_not_touched(command_line, tmp_path, command):
     scenario.write_text(scenario_text())
     out = tmp_path / "taken"
     out.mkdir()
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        bus = ("-i", "slcan", "-c", f"socket://127.0.0.1:{server.getsockname()[1]}") if command == "run" else ()
+    with lone_adapter() as (channel, sent):
+        bus = ("-i", "slcan", "-c", channel) if command == "run" else ()
         assert_refused(command_line("hil", command, scenario, "--out", out, *bus), out, "exists already")
+    assert sent == []
     assert list(out.iterdir()) == []
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import count, pairwise
@@ -242,6 +243,7 @@ def play(
     emulator: Emulator | None = None,
     clear_trip: bool = False,
     checks: bool = True,
+    ends: Callable[[], AbstractContextManager[tuple[can.BusABC, can.BusABC]]] | None = None,
 ) -> Run:
     """Run a scenario in lockstep over python-can's virtual bus; the invariants are asserted.
 
@@ -259,28 +261,20 @@ def play(
         print_of = contract().fingerprint if fingerprint is None else fingerprint
         emulator = Emulator(truth, faults, seed, print_of, keeper.on_change)
     keeper.emulator, keeper.pump = emulator, emulator.pump
-    channel = f"faults {next(_channels)}"
-    made = {"interface": "virtual", "channel": channel, "preserve_timestamps": True, "ignore_config": True}
-    ours, theirs = can.Bus(**made), can.Bus(**made)
-    bus = wrap(ours)
-    port = BusPort(bus)
-    loop = ControlLoop(
-        config,
-        contract(),
-        bench.rig.sensors.range_V,
-        port,
-        keeper,
-        arm_timeout_s=bench.rig.safety.arm_timeout_s,
-        clear_trip=clear_trip,
-        true_level_cm=lambda: emulator.levels_cm,
-    )
-    began_ns = emulator.now_ns
-    far: Any = _Later(emulator, theirs, began_ns, on_step)
-    try:
+    with (ends or _virtual_ends)() as (ours, theirs):
+        port = BusPort(wrap(ours))
+        loop = ControlLoop(
+            config,
+            contract(),
+            bench.rig.sensors.range_V,
+            port,
+            keeper,
+            arm_timeout_s=bench.rig.safety.arm_timeout_s,
+            clear_trip=clear_trip,
+            true_level_cm=lambda: emulator.levels_cm,
+        )
+        far: Any = _Later(emulator, theirs, emulator.now_ns, on_step)
         outcome = lockstep.run(loop, port, far, config.loop.period_s)
-    finally:
-        ours.shutdown()
-        theirs.shutdown()
     emulator.advance(emulator.now_ns + REST_NS)
     start_s = (emulator.start_ns or 0) * 1e-9
     run = Run(keeper, emulator, loop, outcome, keeper.result(), scenario, seed, start_s)
@@ -289,6 +283,14 @@ def play(
         words = broken(run, is_alone=is_alone)
         assert not words, f"seed {seed}, {scenario['fault']}: {words}; {run.told}"
     return run
+
+
+@contextmanager
+def _virtual_ends() -> Iterator[tuple[can.BusABC, can.BusABC]]:
+    channel = f"faults {next(_channels)}"
+    made = {"interface": "virtual", "channel": channel, "preserve_timestamps": True, "ignore_config": True}
+    with can.Bus(**made) as ours, can.Bus(**made) as theirs:
+        yield ours, theirs
 
 
 class _Later(EmulatorPort):

@@ -5,9 +5,13 @@ import select
 import signal
 import subprocess
 import sys
+import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+
+from firmware_sim.links import listen
+from firmware_sim.slcan import SlcanPort
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = ROOT / "config"
@@ -101,6 +105,31 @@ def emulator(record, *arguments, scenario=None, transport=("--slcan", "0")):
         process.send_signal(signal.SIGCONT)
         process.kill()
         process.communicate()
+
+
+@contextmanager
+def lone_adapter():
+    """An slcan adapter on a bus where nobody else speaks: its address, and the frames that it was given to send."""
+    listener = listen(0)
+    listener.setblocking(True)
+    sent = []
+
+    def serve():
+        with suppress(OSError):
+            client, _ = listener.accept()
+            adapter = SlcanPort()
+            with client:
+                while data := client.recv(4096):
+                    reply, frames = adapter.feed(data)
+                    sent.extend(frames)
+                    client.sendall(reply)
+
+    thread = threading.Thread(target=serve, daemon=True)
+    thread.start()
+    try:
+        yield f"socket://127.0.0.1:{listener.getsockname()[1]}", sent
+    finally:
+        listener.close()
 
 
 class Controller:

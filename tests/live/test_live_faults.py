@@ -15,17 +15,20 @@ from live_bench import (
     controller,
     emulator,
     hil,
+    lone_adapter,
     sent_s,
     wait_for,
     write_scenario,
 )
 
+from firmware_sim.wire import parse_command
 from hil.edge.run_folder import RunFolder
 from hil.review.ticks import read
 
 pytestmark = pytest.mark.live
 
 OFF = [0.0, 0.0]
+TCP, PTY = ("--slcan", "0"), ("--pty",)
 
 
 def trip_of(run):
@@ -37,7 +40,10 @@ def trip_of(run):
     return trip
 
 
-@pytest.mark.parametrize("transport", [("--slcan", "0"), ("--pty",)], ids=["tcp", "pty"])
+over_both = pytest.mark.parametrize("transport", [TCP, PTY], ids=["tcp", "pty"])
+
+
+@over_both
 def test_case_24_a_killed_emulator_ends_the_run_by_itself(tmp_path, transport):
     scenario = write_scenario(tmp_path)
     with (
@@ -51,7 +57,7 @@ def test_case_24_a_killed_emulator_ends_the_run_by_itself(tmp_path, transport):
         assert time.monotonic() - started_s < 8.0
     assert trip_of(run)["cause"] == "bus_failed"
     assert "has not confirmed 0 V" in run.json("run.json")["reason"]
-    if transport != ("--pty",):  # once is enough
+    if transport is TCP:  # once is enough
         assert hil("report", run.folder).returncode == 0
         assert "bus_failed" in (run.folder / "report.html").read_text()
 
@@ -74,6 +80,20 @@ def test_case_49_a_killed_controller_leaves_the_pumps_at_zero_volts_within_the_w
     *_, last, trip = killed[2]
     assert (trip["state"], trip["applied_V"], trip["cause"]) == ("tripped", OFF, "watchdog")
     assert (last["state"], last["cause"]) == ("run", "command")
+    assert WATCHDOG_S - 1e-6 <= trip["t_s"] - last["t_s"] <= WATCHDOG_S + 2.5 * PERIOD_S
+
+
+def test_case_49_a_killed_controller_over_a_pseudo_terminal_is_no_different(tmp_path):
+    scenario = write_scenario(tmp_path, arm_timeout=1.0)
+    with (
+        emulator(tmp_path / "node.jsonl", transport=PTY) as rig,
+        controller(scenario, rig.channel, tmp_path / "run", *PLAIN) as run,
+    ):
+        rig.wait_until_it_runs(changes=10)
+        run.process.kill()
+        wait_for(lambda: rig.pump()[-1]["cause"] == "watchdog", timeout_s=2.0)
+        *_, last, trip = rig.pump()
+    assert (trip["state"], trip["applied_V"]) == ("tripped", OFF)
     assert WATCHDOG_S - 1e-6 <= trip["t_s"] - last["t_s"] <= WATCHDOG_S + 2.5 * PERIOD_S
 
 
@@ -115,11 +135,15 @@ def test_after_a_kill_the_trip_stays_until_it_is_cleared_on_purpose(killed, tmp_
     assert rig.pump()[-1]["applied_V"] == OFF
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
-def test_case_50_asked_to_end_it_ramps_down_and_closes_its_record(tmp_path, number, code):
+@pytest.mark.parametrize(
+    ("number", "code", "transport"),
+    [(signal.SIGTERM, 143, TCP), (signal.SIGINT, 130, TCP), (signal.SIGTERM, 143, PTY)],
+    ids=["SIGTERM-tcp", "SIGINT-tcp", "SIGTERM-pty"],
+)
+def test_case_50_asked_to_end_it_ramps_down_and_closes_its_record(tmp_path, number, code, transport):
     scenario = write_scenario(tmp_path)
     with (
-        emulator(tmp_path / "node.jsonl") as rig,
+        emulator(tmp_path / "node.jsonl", transport=transport) as rig,
         controller(scenario, rig.channel, tmp_path / "run", *PLAIN) as run,
     ):
         rig.wait_until_it_runs(changes=10)
@@ -141,25 +165,21 @@ def test_case_50_asked_to_end_it_ramps_down_and_closes_its_record(tmp_path, numb
 
 
 def test_asked_to_end_before_it_is_armed_it_ends_at_once(tmp_path):
-    """Nobody speaks on the line, so that it waits for the rig until the signal comes."""
+    """Nobody speaks on the bus, so that it waits for the rig until the signal comes."""
     scenario = write_scenario(tmp_path, arm_timeout=30.0)
-    with (
-        emulator(tmp_path / "node.jsonl") as rig,
-        controller(scenario, rig.channel, tmp_path / "run", *PLAIN) as run,
-    ):
-        rig.process.send_signal(signal.SIGSTOP)
-        wait_for(lambda: (tmp_path / "run/events.jsonl").exists())
-        time.sleep(0.5)
+    with lone_adapter() as (channel, sent), controller(scenario, channel, tmp_path / "run", *PLAIN) as run:
+        wait_for(lambda: len(sent) >= 5, timeout_s=40.0)
         run.process.send_signal(signal.SIGTERM)
         assert run.wait(5.0) == 143, (run.out, run.err)
         assert run.json("run.json")["status"] == "stopped"
-        assert not rig.has_ever_applied()
+    assert not any(parse_command(frame).enable for frame in sent)
 
 
-def test_case_48_a_stopped_controller_trips_and_sends_no_burst_afterwards(tmp_path):
+@over_both
+def test_case_48_a_stopped_controller_trips_and_sends_no_burst_afterwards(tmp_path, transport):
     scenario = write_scenario(tmp_path)
     with (
-        emulator(tmp_path / "node.jsonl") as rig,
+        emulator(tmp_path / "node.jsonl", transport=transport) as rig,
         controller(scenario, rig.channel, tmp_path / "run", *PLAIN) as run,
     ):
         rig.wait_until_it_runs(changes=10)
@@ -180,10 +200,11 @@ def test_case_48_a_stopped_controller_trips_and_sends_no_burst_afterwards(tmp_pa
     assert trip_of(run)["cause"] == "node_tripped"
 
 
-def test_case_28_a_node_that_reads_nothing_trips_the_controller_and_refuses_the_backlog(tmp_path):
+@over_both
+def test_case_28_a_node_that_reads_nothing_trips_the_controller_and_refuses_the_backlog(tmp_path, transport):
     scenario = write_scenario(tmp_path)
     with (
-        emulator(tmp_path / "node.jsonl") as rig,
+        emulator(tmp_path / "node.jsonl", transport=transport) as rig,
         controller(scenario, rig.channel, tmp_path / "run", *PLAIN) as run,
     ):
         rig.wait_until_it_runs(changes=10)

@@ -50,6 +50,10 @@ def test_a_whole_run_loses_no_command_and_no_frame(whole_run):
     run, rig = whole_run
     kpi = run.json("kpi.json")
     assert (kpi["commands"]["commands_lost"], kpi["commands"]["frames_lost"]) == (0, 0)
+    assert {name: n for name, n in kpi["commands"].items() if name.startswith("line_")} == {
+        "line_refused": 0,
+        "line_dropped": 0,
+    }
     assert len(sent_s(run.folder)) - kpi["commands"]["commands_sent"] in (0, 1), (
         "the very last 0 V is sent after the count"
     )

@@ -1,0 +1,276 @@
+"""Opening an slcan adapter in whatever state it is: booting, open, listening, talking, mute, or no adapter at all."""
+
+import os
+import select
+import threading
+import time
+from contextlib import contextmanager, suppress
+
+import can
+import pytest
+from bus_bench import BITRATE, IDS, LEVELS_ID, line
+
+from firmware_sim.links import open_pty
+from firmware_sim.slcan import Channel, SlcanPort
+from hil.edge.bus import BusAddress, BusError
+from hil.edge.serial_line import SerialLine
+from hil.edge.slcan import OPEN_TIMEOUT_S, SlcanBus
+
+SOON_S = 0.8
+"""For those that never get open."""
+
+
+class Adapter:
+    """A pty with an adapter behind it, which may be odd. heard : all commands that reached it."""
+
+    def __init__(self):
+        self.heard = bytearray()
+        self.port = SlcanPort()
+
+    def answer(self, data):
+        """What it says to these bytes."""
+        self.heard += data
+        return self.port.feed(data)[0]
+
+    def unasked(self):
+        """What it says by itself, once a turn of a millisecond."""
+        return b""
+
+
+@contextmanager
+def plugged(adapter):
+    """The path of its tty."""
+    master, path = open_pty()
+    held = os.open(path, os.O_RDWR | os.O_NOCTTY)
+    os.set_blocking(master, False)
+    is_over = threading.Event()
+
+    def serve():
+        while not is_over.is_set():
+            if select.select([master], [], [], 0.001)[0]:
+                say(adapter.answer(os.read(master, 4096)))
+            say(adapter.unasked())
+
+    def say(data):
+        with suppress(BlockingIOError):
+            os.write(master, data)
+
+    thread = threading.Thread(target=serve, daemon=True)
+    thread.start()
+    try:
+        yield path
+    finally:
+        is_over.set()
+        thread.join()
+        os.close(held)
+        os.close(master)
+
+
+def opened(adapter, bitrate=BITRATE, timeout_s=OPEN_TIMEOUT_S):
+    """How long it took to open it; it must be open then, and answer."""
+    with plugged(adapter) as path:
+        started_s = time.monotonic()
+        with SlcanBus(path, bitrate, open_timeout_s=timeout_s) as bus:
+            took_s = time.monotonic() - started_s
+            assert adapter.port.channel is Channel.OPEN
+            assert bus.counts == {"refused": 0, "dropped": 0}, "what the opening took is nothing to report"
+            adapter.is_answering = bus.is_answering
+            bus.send(can.Message(arbitration_id=0x201, is_extended_id=False, data=bytes(6)))
+            assert_heard(adapter, line(0x201, bytes(6)))
+        assert_heard(adapter, b"C\r")
+        return took_s
+
+
+def assert_heard(adapter, what):
+    end_s = time.monotonic() + 2.0
+    while not adapter.heard.endswith(what):
+        assert time.monotonic() < end_s, bytes(adapter.heard)
+        time.sleep(0.001)
+
+
+def refused(adapter, bitrate=BITRATE):
+    with plugged(adapter) as path, pytest.raises(can.CanInitializationError) as caught:
+        SlcanBus(path, bitrate, open_timeout_s=SOON_S)
+    assert adapter.port.channel is not Channel.OPEN
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("bitrate", "command"),
+    [
+        (10_000, b"S0"),
+        (20_000, b"S1"),
+        (50_000, b"S2"),
+        (100_000, b"S3"),
+        (125_000, b"S4"),
+        (250_000, b"S5"),
+        (500_000, b"S6"),
+        (800_000, b"S7"),
+        (1_000_000, b"S8"),
+    ],
+)
+def test_every_bit_rate_has_its_command(bitrate, command):
+    adapter = Adapter()
+    assert opened(adapter, bitrate) < 2.0
+    assert b"C\rV\r" + command + b"\rO\r" in adapter.heard
+
+
+@pytest.mark.parametrize("bitrate", [0, 9_999, 83_300, 300_000, 750_000, 1_000_001])
+def test_another_bit_rate_is_refused_before_anything_is_opened(bitrate):
+    with pytest.raises(BusError, match=f"slcan has no {bitrate} bit/s, only 10000, 20000, .*1000000$"):
+        BusAddress("slcan", "/dev/nothing-there", bitrate).open(IDS)
+
+
+@pytest.mark.parametrize("before", [b"O\r", b"L\r", b"Z1\rO\r", b"t2016983A20", b"O\rt20169", b"C\rS", b"x" * 3000])
+def test_whatever_state_it_was_left_in(before):
+    """Open, listening, stamping frames, or with half a command in its buffer."""
+    adapter = Adapter()
+    adapter.port.feed(before)
+    assert opened(adapter) < 2.0
+
+
+def test_frames_of_the_last_host_are_not_taken_for_new_ones_and_hold_nothing_up():
+    """It was left open on a busy bus: frames stand before and between its answers."""
+
+    class Busy(Adapter):
+        number = 0
+
+        def unasked(self):
+            self.number += 1
+            return self.port.frame_line(
+                can.Message(arbitration_id=LEVELS_ID, is_extended_id=False, data=self.number.to_bytes(4, "big"))
+            )
+
+    adapter = Busy()
+    adapter.port.feed(b"O\r")
+    with plugged(adapter) as path:
+        while adapter.number < 30:
+            time.sleep(0.01)
+        of_the_last_host = adapter.number
+        with SlcanBus(path) as bus:
+            first = bus.recv(2.0)
+            assert int.from_bytes(first.data, "big") > of_the_last_host
+            assert bus.counts == {"refused": 0, "dropped": 0}
+
+
+@pytest.mark.parametrize("boot_s", [0.4, 1.5])
+@pytest.mark.parametrize("banner", [b"", b"boot v1.2 \xff\x00\r\nok\r"], ids=["quiet", "banner"])
+def test_one_that_boots_slowly_is_asked_again(boot_s, banner):
+    """Opening the line resets many adapters; what they are told meanwhile is lost."""
+
+    class Booting(Adapter):
+        def __init__(self):
+            super().__init__()
+            self.ready_s = time.monotonic() + boot_s
+            self.banner = banner
+
+        def answer(self, data):
+            if time.monotonic() > self.ready_s:
+                return super().answer(data)
+            said, self.banner = self.banner, b""
+            return said
+
+    adapter = Booting()
+    assert opened(adapter) < boot_s + 1.5
+    assert adapter.is_answering
+
+
+def test_one_that_acknowledges_nothing_but_tells_its_version_is_opened_all_the_same():
+    """Widespread firmware answers nothing else. That it is there is known then; that it is open shows by its frames."""
+
+    class Mute(Adapter):
+        def answer(self, data):
+            return b"canable-1a2b3c\r" if b"V1013" in super().answer(data) else b""
+
+    adapter = Mute()
+    assert opened(adapter) < 2.0
+    assert not adapter.is_answering
+
+
+class Silent(Adapter):
+    def answer(self, data):
+        self.heard += data
+        return b""
+
+
+def test_one_that_never_answers_is_an_error_in_bounded_time():
+    started_s = time.monotonic()
+    assert refused(Silent()) == "the adapter does not answer"
+    assert SOON_S <= time.monotonic() - started_s < SOON_S + 0.6
+
+
+@pytest.mark.parametrize("command", [b"S6", b"O"])
+def test_one_that_refuses_is_an_error_that_says_what(command):
+    class Refusing(Adapter):
+        def answer(self, data):
+            return b"\a" if data == command + b"\r" else super().answer(data)
+
+    assert refused(Refusing()) == f"the adapter refuses {command.decode()}"
+
+
+@pytest.mark.parametrize("command", [b"S6", b"O"])
+def test_one_that_answers_all_but_one_command_is_an_error_that_says_which(command):
+    class Forgetful(Adapter):
+        def answer(self, data):
+            return b"" if data == command + b"\r" else super().answer(data)
+
+    assert refused(Forgetful()) == f"the adapter does not answer {command.decode()}"
+
+
+def test_what_talks_but_is_no_adapter_is_refused_in_bounded_time():
+    """A GPS receiver, say, or an adapter at another baud rate."""
+
+    class Talking(Silent):
+        def unasked(self):
+            return b"\xf8\x80garbage"
+
+    started_s = time.monotonic()
+    assert refused(Talking()) == "the adapter does not answer"
+    assert time.monotonic() - started_s < SOON_S + 1.5
+
+
+def test_a_line_that_takes_no_commands_is_an_error_in_bounded_time(monkeypatch):
+    monkeypatch.setattr(SerialLine, "write", lambda *_: 0)
+    assert refused(Silent()) == "the adapter takes no commands"
+
+
+NO_ADAPTER = {
+    "/dev/nothing-there": "No such file",
+    "/dev/null": "Could not configure port",
+    "/dev": "Is a directory",
+    "socket://127.0.0.1:1": "refused",
+    "socket://127.0.0.1:70000": "could not open port",
+    "socket://127.0.0.1": "Could not open port",
+    "udp://127.0.0.1:5": "protocol 'udp' not known",
+    "loop://": "descriptor",
+    "": "",
+}
+
+
+@pytest.mark.parametrize(("channel", "why"), NO_ADAPTER.items(), ids=[name or "nothing" for name in NO_ADAPTER])
+def test_what_is_no_line_is_one_clear_error(channel, why):
+    with pytest.raises(BusError) as caught:
+        BusAddress("slcan", channel, BITRATE).open(IDS)
+    assert str(caught.value).startswith(f"bus slcan {channel!r} at 500000 bit/s can't be opened: ")
+    assert why.lower() in str(caught.value).lower()
+
+
+def test_a_device_that_another_program_has_open_is_refused():
+    adapter = Adapter()
+    with plugged(adapter) as path, SlcanBus(path), pytest.raises(BusError, match="lock"):
+        BusAddress("slcan", path, BITRATE).open(IDS)
+
+
+def test_a_baud_rate_may_stand_behind_the_device():
+    adapter = Adapter()
+    with plugged(adapter) as path, SlcanBus(f"{path}@57600") as bus:
+        assert bus._line._port.baudrate == 57_600
+
+
+def test_one_that_goes_while_it_is_opened_is_an_error():
+    master, path = open_pty()
+    gone = threading.Timer(0.15, os.close, [master])
+    gone.start()
+    with pytest.raises(BusError, match="no adapter: "):
+        BusAddress("slcan", path, BITRATE).open(IDS)
+    gone.join()

@@ -1,0 +1,210 @@
+"""A run in lockstep through a real slcan line, pty or TCP: both ends in one thread, every byte waited for.
+
+The emulator's end is its own adapter; ours is the bus that `hil run -i slcan` opens, without filters. As a line brings
+no time of sending, the frames that our end gets are stamped with that of the emulator's.
+"""
+
+import os
+import select
+import socket
+import threading
+from collections import deque
+from contextlib import contextmanager
+from functools import partial
+
+import can
+from bus_bench import BITRATE, answer_opening
+from faults_bench import TIME_TOLERANCE_S, play
+
+from firmware_sim.links import SlcanLink, listen, open_pty
+from firmware_sim.slcan import SlcanPort
+from hil.edge.slcan import SlcanBus
+from hil.edge.slcan_lines import LineReader
+
+PATIENCE_S = 5.0
+
+
+class Host(SlcanBus):
+    """Our end. It takes in all that the far end has said, and stamps it, before it says that there is nothing more.
+
+    sent : lines that went out, so that the far end can wait for them.
+    """
+
+    far = None
+    sent = 0
+
+    def send(self, msg, timeout=None):
+        super().send(msg, timeout)
+        self.sent += 1
+
+    def recv(self, timeout=None):
+        assert timeout == 0.0, "lockstep never waits"
+        self.far.deliver(self)
+        return super().recv(0.0)
+
+    def listen_to(self, far):
+        feed = self.lines.feed
+
+        def stamped(data, timestamp_s):
+            del timestamp_s
+            far.delivered += len(data)
+            frames = feed(data)
+            for frame in frames:
+                frame.timestamp = far.stamps.popleft()
+            return frames
+
+        self.far, self.lines.feed = far, stamped
+
+
+class Far(can.BusABC):
+    """The emulator's end, as the bus of its port.
+
+    garble : what becomes of each line on its way to us. refuses : whether the adapter answers commands with BELL.
+    is_deaf : whether it has stopped to read. heard : commands that reached it. unplug : pulls the cable.
+    """
+
+    def __init__(self, fd, unplug, host):
+        super().__init__(channel="far")
+        self._unplug, self._is_gone = unplug, False
+        self._link = SlcanLink(fd)
+        self._link.port.feed(b"O\r")
+        self._host, self._inbox = host, deque()
+        self._written = 0
+        self._shadow = LineReader()
+        self.stamps, self.delivered = deque(), 0
+        self.garble = lambda line: line
+        self.refuses = self.is_deaf = False
+        self.heard = 0
+
+    def send(self, msg, timeout=None):
+        del timeout
+        self.say(self.garble(self._link.port.frame_line(msg)), msg.timestamp)
+
+    def say(self, data, timestamp_s=0.0):
+        """Bytes to us, whatever they are."""
+        if self._is_gone:
+            return
+        self.stamps.extend([timestamp_s] * len(self._shadow.feed(data)))
+        self._link.queue.put(data)
+        self._written += len(data)
+        self._link.flush()
+
+    def unplug(self):
+        self._is_gone = True
+        self._unplug()
+
+    def boot(self):
+        """The adapter forgets that it was open."""
+        self._link.port = SlcanPort()
+
+    def recv(self, timeout=None):
+        del timeout
+        while not (self.is_deaf or self._is_gone) and select.select([self._link.fd], [], [], self._wait_s())[0]:
+            self._read()
+        return self._inbox.popleft() if self._inbox else None
+
+    def deliver(self, host):
+        """See that all that was said has arrived."""
+        while not self._is_gone and self.delivered < self._written:
+            self._link.flush()
+            assert host._take_in(PATIENCE_S), "bytes got lost"
+        assert self._link.queue.dropped == 0
+
+    def _wait_s(self):
+        """Whether anything is on its way: what a line takes is there at once over TCP, and soon after on a pty."""
+        is_due = self._host.sent > self.heard
+        return PATIENCE_S if is_due else 0.0
+
+    def _read(self):
+        data = os.read(self._link.fd, 4096)
+        self.heard += data.count(b"\r")
+        if self.refuses:
+            self.say(b"\a" * data.count(b"\r"))
+            return
+        reply, frames = self._link.port.feed(data)
+        self._inbox.extend(frames)
+        self.say(reply)
+
+
+@contextmanager
+def over_pty():
+    """What our end opens; what gives the far end's descriptor once that is done; what closes it."""
+    master, path = open_pty()
+    held = os.open(path, os.O_RDWR | os.O_NOCTTY)  # without anybody the master would hang up
+    try:
+        with _closing_once(master, os.close) as close:
+            yield path, lambda: master, close
+    finally:
+        os.close(held)
+
+
+@contextmanager
+def over_tcp():
+    """The same."""
+    with listen(0) as listener:
+        listener.setblocking(True)
+        clients = []
+
+        def accepted():
+            client, _ = listener.accept()
+            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            clients.append(client)
+            return client.fileno()
+
+        with _closing_once(clients, lambda them: them[0].close()) as close:
+            yield f"socket://127.0.0.1:{listener.getsockname()[1]}", accepted, close
+
+
+@contextmanager
+def _closing_once(what, how):
+    left = [what]
+
+    def close():
+        if left:
+            how(left.pop())
+
+    try:
+        yield close
+    finally:
+        close()
+
+
+class Line:
+    """A pty or a TCP port to play on. host, far : the ends of the line that is open, or was last."""
+
+    def __init__(self, line):
+        self._line = line
+        self.play = partial(play, ends=self.ends)
+
+    @contextmanager
+    def ends(self):
+        with self._line() as (channel, far_fd, unplug):
+            found = []
+
+            def open_far():
+                fd = far_fd()
+                os.set_blocking(fd, True)
+                answer_opening(lambda: os.read(fd, 4096), lambda data: os.write(fd, data))
+                found.append(fd)
+
+            opening = threading.Thread(target=open_far, daemon=True)
+            opening.start()
+            self.host = Host(channel, BITRATE)
+            opening.join()
+            try:
+                self.far = Far(found[0], unplug, self.host)
+                self.host.listen_to(self.far)
+                yield self.host, self.far
+            finally:
+                self.far.shutdown()
+                self.host.shutdown()
+
+    def at(self, at_s, act):
+        """What calls act(far) before the first step from at_s on."""
+        due = [act]
+
+        def on_step(t_s):
+            if due and t_s >= at_s - TIME_TOLERANCE_S:
+                due.pop()(self.far)
+
+        return on_step

@@ -1,0 +1,330 @@
+"""The cases that make sense on an slcan adapter, each over a TCP port and over a pty, in lockstep.
+
+Where a case is the same on any bus, it is the very test of that case that is run, with its bounds. Two processes in
+real time, for cases 24, 28 and 47 to 50, are in tests/live; adapters that answer oddly at the start, in tests/bus.
+"""
+
+import pytest
+import slcan_bench
+import test_faults_bus as of_bus
+import test_faults_frames as of_frames
+import test_faults_nodes as of_nodes
+import test_faults_process as of_process
+from bus_bench import GARBAGE
+from faults_bench import (
+    OFF,
+    RX_S,
+    T_S,
+    TIME_TOLERANCE_S,
+    W_S,
+    assert_no_trip,
+    assert_safe,
+    assert_tripped,
+    contract,
+    fault,
+    play,
+    story,
+)
+
+from firmware_sim import wire as node
+from hil.edge.slcan_lines import LONGEST_LINE, LineReader, frame_line
+from hil.wire.commands import CommandSender
+from hil.wire.receiver import Receiver
+
+OVER = {"tcp": slcan_bench.over_tcp, "pty": slcan_bench.over_pty}
+AT_S = 5.0
+
+
+@pytest.fixture(params=OVER, autouse=True)
+def line(request, monkeypatch):
+    """An slcan line, on which the tests of the other files play, too."""
+    made = slcan_bench.Line(OVER[request.param])
+    for module in (of_bus, of_frames, of_nodes, of_process):
+        monkeypatch.setattr(module, "play", made.play)
+    return made
+
+
+def counts(line):
+    """What the line has counted, but for zeros."""
+    return {name: number for name, number in line.host.counts.items() if number}
+
+
+def test_a_run_over_a_line_is_the_same_to_the_bit(line):
+    run = line.play(story(fault("frame_loss", 2.0, "LowerLevels", 0.2)))
+    assert run.ticks == play(story(fault("frame_loss", 2.0, "LowerLevels", 0.2))).ticks
+    assert counts(line) == {}
+
+
+@pytest.mark.parametrize("frame", ["LowerLevels", "PumpStatus", "PumpCommand"])
+def test_case_01_one_frame_lost(frame):
+    of_frames.test_case_01_one_frame_lost(frame)
+
+
+def test_case_02_random_loss():
+    of_frames.test_case_02_random_loss(1)
+
+
+@pytest.mark.parametrize("count", [5, 20])
+def test_case_03_burst_lost(count):
+    of_frames.test_case_03_burst_lost("UpperLevels", count)
+
+
+def test_case_03_burst_of_commands_lost():
+    of_frames.test_case_03_burst_of_commands_lost(3)
+
+
+@pytest.mark.parametrize("count", [15, 16, 32])
+def test_case_04_burst_that_wraps_the_counter(count):
+    of_frames.test_case_04_burst_that_wraps_the_counter("LowerLevels", count)
+
+
+def test_case_05_duplicate():
+    of_frames.test_case_05_duplicate()
+
+
+@pytest.mark.parametrize("frame", ["LowerLevels", "PumpCommand"])
+def test_case_06_reordered(frame):
+    of_frames.test_case_06_reordered(frame)
+
+
+def test_case_07_delayed_less_than_the_limit():
+    of_frames.test_case_07_delayed_less_than_the_limit("LowerLevels", 0.25)
+
+
+def test_case_08_delayed_more_than_the_limit():
+    of_frames.test_case_08_delayed_more_than_the_limit("PumpStatus")
+
+
+@pytest.mark.parametrize("frame", ["UpperLevels", "PumpCommand"])
+def test_case_09_crc_wrong_once(frame):
+    of_frames.test_case_09_crc_wrong_once(frame)
+
+
+def test_case_09_crc_wrong_five_times():
+    of_frames.test_case_09_crc_wrong_five_times("LowerLevels")
+
+
+def test_case_10_every_one_bit_flip_of_a_line(line):
+    """Each bit of each character: refused by line or wire, or the same frame in the other case; the next is taken."""
+    del line  # of bytes alone
+    payload = node.pack_levels(node.LOWER_LEVELS_ID, (6.2, 6.4), (node.ChannelStatus.OK,) * 2, 3)
+    good = frame_line(node.Frame(0.0, node.LOWER_LEVELS_ID, is_extended_id=False, data=payload))
+    for bit in range(8 * len(good)):
+        flipped = bytearray(good)
+        flipped[bit // 8] ^= 1 << bit % 8
+        receiver, reader = Receiver(contract(), CommandSender(contract()), (0.0, 10.24)), LineReader()
+        taken = [frame for frame in reader.feed(bytes(flipped) + good) if receiver.take(frame, 0) is None]
+        assert all((frame.arbitration_id, bytes(frame.data)) == (0x182, payload) for frame in taken)
+        assert receiver.rejections.total() + reader.rejected.total() + reader.refused + reader.texts >= 1
+        is_end_lost = bit // 8 == len(good) - 1  # it takes the next line with it
+        assert len(taken) == (0 if is_end_lost else 1), bytes(flipped)
+
+
+def test_case_11_counter_stuck():
+    of_frames.test_case_11_counter_stuck("LowerLevels")
+
+
+def test_case_11_counter_of_commands_stuck():
+    of_frames.test_case_11_counter_of_commands_stuck()
+
+
+def test_case_12_babbling_node_of_a_foreign_id():
+    of_bus.test_case_12_babbling_node_of_a_foreign_id()
+
+
+def test_case_13_babbling_node_of_top_priority():
+    of_bus.test_case_13_babbling_node_of_top_priority()
+
+
+def test_case_14_foreign_command():
+    of_bus.test_case_14_foreign_command(3.0)
+
+
+@pytest.mark.parametrize("frame", ["LowerLevels", "PumpCommand"])
+def test_case_15_wrong_length(frame):
+    of_frames.test_case_15_wrong_length(frame)
+
+
+def play_with(line, changes):
+    """A run in which a level frame's line is changed every 0.3 s from AT_S on, by one change after the other."""
+    left = [(AT_S + 0.3 * number, change) for number, change in enumerate(changes)]
+    due = []
+
+    def garble(text):
+        return due.pop()(text) if due and text.startswith(b"t1827") else text
+
+    def on_step(t_s):
+        line.far.garble = garble
+        if left and t_s >= left[0][0]:
+            due.append(left.pop(0)[1])
+
+    run = line.play(story(), on_step=on_step)
+    assert not left
+    assert not due
+    return run
+
+
+def test_case_16_payload_shorter_than_its_length(line):
+    """1, 2, 4, 13 or 14 digits are missing: such a frame is dropped, nothing raises, no trip."""
+    cuts = (1, 2, 4, 13, 14)
+    run = play_with(line, [lambda text, cut=cut: text[: -1 - cut] + b"\r" for cut in cuts])
+    assert_no_trip(run)
+    assert run.outcome.frames_lost == len(cuts)
+    assert counts(line) == {"rejected_payload": len(cuts)}
+
+
+def test_case_17_wrong_id_or_data_id():
+    of_frames.test_case_17_wrong_id_or_data_id()
+
+
+@pytest.mark.parametrize("kind", ["extended_id", "remote_frame"])
+@pytest.mark.parametrize("frame", ["LowerLevels", "PumpCommand"])
+def test_case_18_19_extended_and_remote_frames(frame, kind):
+    of_frames.test_case_18_19_extended_and_remote_frames(frame, kind)
+
+
+def test_case_20_error_frames_can_not_be_said(line):
+    """slcan has no words for them: a storm changes nothing, and the ages still watch over what comes."""
+    run = line.play(story(fault("error_frames", AT_S, None, 200.0)))
+    assert_no_trip(run)
+    assert counts(line) == {}
+
+
+def test_case_21_bus_off():
+    of_bus.test_case_21_bus_off()
+
+
+def assert_stays_safe(line, run):
+    """Another run on another line is not armed by itself; only when the trip is cleared on purpose."""
+    again = line.play(story(duration_s=5.0, rig={"safety": {"arm_timeout_s": 2.0}}), emulator=run.emulator)
+    assert again.outcome.status == "failed"
+    assert "tripped" in again.outcome.reason
+    assert again.emulator.pump.applied_V == OFF
+    cleared = line.play(story(duration_s=5.0), emulator=again.emulator, clear_trip=True, checks=False)
+    assert cleared.outcome.status == "complete"
+
+
+def test_case_22_adapter_boots_in_the_midst_of_a_run(line):
+    """Its channel is closed then: no frame comes, each command is refused; never opened again behind our back."""
+    run = line.play(story(duration_s=30.0), on_step=line.at(AT_S, lambda far: far.boot()))
+    assert_tripped(run, AT_S, RX_S + T_S, "stale_levels", "stale_status", "node_lost", "node_tripped")
+    assert_safe(run, AT_S)
+    assert counts(line)["refused"] > 3
+    assert_stays_safe(line, run)
+
+
+def test_case_23_transmit_queue_full(line):
+    """The adapter refuses (BELL) what its queue has no room for: dropped for good, trip within 3 T, safe within W."""
+    run = line.play(story(duration_s=30.0), on_step=line.at(AT_S, lambda far: setattr(far, "refuses", True)))
+    assert_tripped(run, AT_S, T_S + 3 * T_S, "node_tripped", "echo_missing")
+    assert_safe(run, AT_S)
+    commands = [t_s for t_s, _ in run.keeper.sent if t_s > run.start_s + AT_S - TIME_TOLERANCE_S]
+    assert counts(line) == {"refused": len(commands) - 1}, "each but the very last, whose answer nobody waits for"
+
+
+def test_case_24_adapter_unplugged_and_plugged_again(line):
+    """The line breaks: trip in the step that sees it, safe within W; on a new line nothing moves until cleared."""
+    run = line.play(story(duration_s=30.0), on_step=line.at(AT_S, lambda far: far.unplug()))
+    assert_tripped(run, AT_S, T_S, "bus_failed")
+    assert_safe(run, AT_S, W_S)
+    assert run.outcome.t_s - AT_S <= 5.0
+    assert_stays_safe(line, run)
+
+
+def test_case_25_any_garbage_between_two_lines(line):
+    """Bytes beyond ASCII and all else that a line may bring: the next frame is received, and not one is lost."""
+    left = list(GARBAGE.values())
+
+    def on_step(t_s):
+        if left and t_s >= AT_S:
+            line.far.say(left.pop())
+
+    run = line.play(story(), on_step=on_step)
+    assert_no_trip(run)
+    assert not left
+    assert run.outcome.frames_lost == 0
+    assert run.ticks == play(story()).ticks
+
+
+@pytest.mark.parametrize("byte", [b"\xff", b"\x00", b"\n", b"\a"])
+def test_case_25_a_byte_in_the_midst_of_a_line(line, byte):
+    """Such a frame is lost for good, the next one is received."""
+    places = (1, 3, 10)
+    run = play_with(line, [lambda text, at=at: text[:at] + byte + text[at:] for at in places])
+    assert_no_trip(run)
+    assert run.outcome.frames_lost == len(places)
+    assert max(tick.levels_age_s for tick in run.ticks) <= RX_S
+
+
+def test_case_25_nothing_but_garbage_trips_on_age(line):
+    """Every line is spoilt: the link is up, nothing of ours comes, and the ages trip."""
+    spoilt = line.at(AT_S, lambda far: setattr(far, "garble", lambda text: text[:2] + b"\xff" + text[3:]))
+    run = line.play(story(duration_s=30.0), on_step=spoilt)
+    assert_tripped(run, AT_S, RX_S + T_S, "stale_levels", "stale_status", "node_lost")
+    assert counts(line)["rejected_garbled"] > 10
+
+
+def test_case_26_line_without_end(line):
+    """20 kB without CR: no more than 1 kB is kept, the line that ends it is lost, all else goes on."""
+
+    def babble(far):
+        for _ in range(20):
+            far.say(b"A" * 1000)
+            far.deliver(line.host)
+            assert line.host.lines.kept <= LONGEST_LINE == 1024
+
+    run = line.play(story(), on_step=line.at(AT_S, babble))
+    assert_no_trip(run)
+    assert run.outcome.frames_lost == 1
+    assert counts(line) == {"rejected_endless": 1}
+
+
+def test_case_27_every_send_refused(line):
+    """The adapter refuses every command: safe within W, the missing echo trips within 5 T, each refusal is counted."""
+    run = line.play(story(), on_step=line.at(AT_S, lambda far: setattr(far, "refuses", True)))
+    assert_tripped(run, AT_S, 5 * T_S, "echo_missing", "node_tripped")
+    assert run.node_off_s(AT_S) <= AT_S + W_S
+    assert counts(line)["refused"] > 3
+
+
+def test_case_27_every_send_refused_from_the_start(line):
+    """So from the first command on: the pumps never move."""
+    run = line.play(
+        story(rig={"safety": {"arm_timeout_s": 2.0}}), on_step=line.at(-2.0, lambda far: setattr(far, "refuses", True))
+    )
+    assert run.cause == "echo_missing", run.told
+    assert run.trip_s <= 5 * T_S + TIME_TOLERANCE_S
+    assert all(change.applied_V == OFF for change in run.keeper.changes if change.node == "pump")
+
+
+def test_case_28_adapter_stops_reading(line):
+    """The commands wait in the line: trip; when it reads again, the node refuses them all and stays at 0 V."""
+    run = line.play(story(duration_s=30.0), on_step=line.at(AT_S, lambda far: setattr(far, "is_deaf", True)))
+    assert_tripped(run, AT_S, RX_S + T_S, "node_tripped", "echo_missing")
+    assert_safe(run, AT_S)
+    backlog = run.keeper.sent[line.far.heard - len(run.keeper.sent) :]
+    assert len(backlog) > 3
+    for _, data in backlog:
+        frame = node.Frame(0.0, node.COMMAND_ID, is_extended_id=False, data=data)
+        run.emulator.receive(frame, run.emulator.now_ns)
+    run.emulator.advance(run.emulator.now_ns + 100_000_000)
+    assert_safe(run, AT_S)
+
+
+@pytest.mark.parametrize("target", ["pump", "level"])
+def test_case_29_node_reboots(target):
+    of_nodes.test_case_29_node_reboots(target, AT_S)
+
+
+@pytest.mark.parametrize("target", ["pump", "level"])
+def test_case_30_heartbeat_stops(target):
+    of_nodes.test_case_30_heartbeat_stops(target, AT_S)
+
+
+@pytest.mark.parametrize("jump_s", [3600.0, -3600.0])
+def test_case_46_wall_clock_jumps(monkeypatch, jump_s):
+    of_process.test_case_46_wall_clock_jumps(monkeypatch, jump_s)
+
+
+def test_case_51_detector_raises():
+    of_process.test_case_51_detector_raises(ZeroDivisionError("x"))

@@ -1,0 +1,41 @@
+"""The command line. Ends with libFuzzer's statistics, or with what failed and the input that made it."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+
+
+def main() -> int:
+    """Run one target for a time; a failing input is left in the corpus's folder, to be tried again with --again."""
+    parser = argparse.ArgumentParser("python -m tools.fuzz", description="Feed bytes to what reads them.")
+    parser.add_argument("target", choices=("slcan", "wire", "adapter"))
+    parser.add_argument("--seconds", type=int, default=60)
+    parser.add_argument("--corpus", type=Path, help="folder to begin with and add to; default: a temporary one")
+    parser.add_argument("--again", type=Path, metavar="INPUT", help="only try this input")
+    options = parser.parse_args()
+    try:
+        import atheris
+    except ImportError:
+        parser.error("needs atheris, which is there for Linux on x86-64")
+    with atheris.instrument_imports(include=["hil.edge.slcan_lines", "hil.wire", "firmware_sim.slcan"]):
+        from tools.fuzz.targets import SEEDS, TARGETS
+    corpus = options.corpus or Path(tempfile.mkdtemp(prefix="fuzz-"))
+    corpus.mkdir(parents=True, exist_ok=True)
+    for number, seed in enumerate(SEEDS[options.target]):
+        (corpus / f"seed{number}").write_bytes(seed)
+    how = (
+        [str(options.again)] if options.again else [f"-max_total_time={options.seconds}", "-max_len=4096", str(corpus)]
+    )
+    # one process, whose statistics are printed at its end
+    atheris.Setup(
+        [sys.argv[0], "-print_final_stats=1", f"-artifact_prefix={corpus}/failed-", *how], TARGETS[options.target]
+    )
+    atheris.Fuzz()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
