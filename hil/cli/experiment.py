@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime
@@ -69,7 +69,7 @@ def run_live(
         stack.callback(port.close)
         folder = RunFolder.create(options.out, run_plan(bench, is_live=True, seed=None))
         recorder = QueuedRecorder(_recorder(folder, bench, config, options, with_truth=False)).start()
-        record = stack.enter_context(_Record(recorder))
+        record = stack.enter_context(_Record(recorder, port.bus_errors))
         loop = _loop(bench, config, options, port, recorder, on_tick=on_tick)
         stop = stack.enter_context(StopSignal())
         record.outcome = runtime.run(
@@ -81,8 +81,9 @@ def run_live(
 class _Record:
     """Closes a recorder whatever happens, with how the run ended and what became of its commands as the last event."""
 
-    def __init__(self, recorder: Recorder | QueuedRecorder) -> None:
+    def __init__(self, recorder: Recorder | QueuedRecorder, bus_errors: Mapping[str, int] | None = None) -> None:
         self.recorder = recorder
+        self._bus_errors = bus_errors or {}
         self.outcome: Outcome | None = None
         self._started = time.perf_counter()
 
@@ -104,6 +105,8 @@ class _Record:
             "commands_lost": outcome.commands_lost,
             "frames_lost": outcome.frames_lost,
         }
+        if self._bus_errors:
+            counts["bus_errors"] = dict(self._bus_errors)
         self.recorder.event(outcome.t_s, Event(severity, "end", f"{outcome.status}: {outcome.reason}", counts))
         self.recorder.close(outcome.status, outcome.reason, speed_x=outcome.t_s / wall_s)
 

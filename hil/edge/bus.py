@@ -8,15 +8,25 @@ from __future__ import annotations
 
 import errno
 import select
+from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 import can
 from can.interfaces.slcan import slcanBus
+from can.typechecking import CanFilter
+
+from hil.core.types import Event, Severity
+from hil.edge.clock import ArrivalClock
+from hil.wire import error_frames
+from hil.wire.error_frames import WORDS, ErrorKind
 
 BUS_ERRORS = (can.CanError, OSError, ValueError, IndexError)
 """What python-can's interfaces raise on a bad line, a lost adapter, a full queue."""
+
+LINK_GONE = frozenset({errno.ENETDOWN, errno.ENODEV, errno.ENXIO})
+"""Errors of an interface that was taken down or unplugged; no further send is tried."""
 
 SEND_FAILURES_IN_A_ROW = 3
 RECEIVE_FAILURES_IN_A_ROW = 20
@@ -47,10 +57,12 @@ class BusAddress:
         if self.interface == "slcan":
             is_network = "://" in self.channel
             options["sleep_after_open"] = 0.0 if is_network else 2.0
-        if self.interface == "socketcan":
-            del options["bitrate"]  # set by whoever brings the link up
-        filters = [{"can_id": can_id, "can_mask": 0x7FF, "extended": False} for can_id in ids]
+        filters: list[CanFilter] = [{"can_id": can_id, "can_mask": 0x7FF, "extended": False} for can_id in ids]
         try:
+            if self.interface == "socketcan":
+                from hil.edge.socketcan import SocketCan  # only now: netlink is nothing to the other buses
+
+                return SocketCan(self.channel, self.bitrate, filters)
             bus = can.Bus(
                 interface=self.interface,
                 channel=self.channel,
@@ -63,8 +75,9 @@ class BusAddress:
             hint = ""
             if self.interface == "socketcan" and getattr(error, "errno", None) == 97:
                 hint = " (this kernel has no SocketCAN)"
+            what = error.strerror if isinstance(error, OSError) and error.strerror else error
             raise BusError(
-                f"bus {self.interface} {self.channel!r} at {self.bitrate} bit/s can't be opened: {error}{hint}"
+                f"bus {self.interface} {self.channel!r} at {self.bitrate} bit/s can't be opened: {what}{hint}"
             ) from None
         if isinstance(bus, slcanBus):
             bus.serialPortOrig.flush = _go_on  # after each line; on a tty it would wait for as long as the adapter does
@@ -87,6 +100,9 @@ class BusPort:
         self.receive_failures = 0
         self.is_up = True
         self.last_error = ""
+        self.bus_errors: Counter[str] = Counter()
+        self._arrival = ArrivalClock() if getattr(bus, "has_arrival_stamps", False) else None
+        self._news = [Event(Severity.WARNING, "bus_setting", text) for text in getattr(bus, "warnings", ())]
 
     def receive(self, timeout_s: float) -> can.Message | None:
         """The next frame, or None after timeout_s or a failure."""
@@ -97,6 +113,8 @@ class BusPort:
             return None
         if message is not None:
             self._failed_receives = 0
+            if message.is_error_frame:
+                self._note_error_frame(message)
         elif isinstance(self._bus, slcanBus) and len(self._bus._buffer) > LONGEST_LINE:
             self._note_receive_failure(UnicodeError("a line without end"))
         return message
@@ -118,11 +136,20 @@ class BusPort:
             self.send_failures += 1
             self._failed_sends += 1
             self.last_error = _wording(error)
-            if self._failed_sends >= SEND_FAILURES_IN_A_ROW:
+            if self._failed_sends >= SEND_FAILURES_IN_A_ROW or _number(error) in LINK_GONE:
                 self.is_up = False
             return False
         self._failed_sends = 0
         return True
+
+    def arrived_ns(self, message: can.Message, now_ns: int) -> int:
+        """When a frame came, on the monotonic clock: the kernel's stamp where there is one, else now."""
+        return now_ns if self._arrival is None else self._arrival.arrived_ns(message.timestamp, now_ns)
+
+    def news(self) -> list[Event]:
+        """What the bus has to say since the last call: its settings at first, then each kind of error once."""
+        news, self._news = self._news, []
+        return news
 
     def close(self) -> None:
         """Shut the bus down; a link that is gone already is no news."""
@@ -138,6 +165,17 @@ class BusPort:
                 if not select.select([], [self._bus], [], 0)[1]:
                     raise OSError(errno.ENOBUFS, "the adapter takes no more")
 
+    def _note_error_frame(self, message: can.Message) -> None:
+        """Count what an error frame says, tell each kind once; a controller that is bus-off is a link that is gone."""
+        for kind in error_frames.read(message.arbitration_id, message.data):
+            if kind not in self.bus_errors:
+                self._news.append(Event(Severity.WARNING, "bus_error", WORDS[kind], {"kind": kind.value}))
+            self.bus_errors[kind] += 1
+            self.last_error = WORDS[kind]
+            if kind is ErrorKind.BUS_OFF:
+                self.is_up = False
+                return  # nothing else matters more
+
     def _note_receive_failure(self, error: Exception) -> None:
         """A garbled line is dropped with what stands around it; a failing link is down."""
         self.receive_failures += 1
@@ -152,6 +190,11 @@ class BusPort:
                 self._bus.flush()  # its buffer would raise the same error for ever
             except BUS_ERRORS:
                 self.is_up = False
+
+
+def _number(error: Exception) -> int | None:
+    """The system's number of an error, if it has one."""
+    return getattr(error, "error_code", None) or getattr(error, "errno", None)
 
 
 def _wording(error: Exception) -> str:

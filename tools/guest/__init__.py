@@ -6,6 +6,7 @@
     python -m tools.guest packages           the Debian packages it needs
 
 The guest sees the host's root read-only, under an overlay that vanishes, so that the virtual environment and the tests
-run as they are. It has vcan, and can0 and can1 on two emulated Kvaser PCI cards (SJA1000) wired to one bus. QEMU translates
-each instruction: Python takes about twenty times as long, and the cards model neither acknowledgement nor bit rate.
+run as they are. It has vcan, and can0 and can1 on two emulated Kvaser PCI cards (SJA1000) wired to one bus. QEMU
+translates each instruction: Python takes about twenty times as long. The cards model neither acknowledgement nor bit
+rate.
 """

@@ -1,4 +1,4 @@
-"""The guest's kernel: Debian's package, unpacked into the cache and nowhere else, and the first files that it boots with.
+"""The guest's kernel: Debian's package, unpacked into the cache and nowhere else, and the files that it boots with.
 
 Nothing is installed: no /boot, no /lib/modules, no hooks.
 """

@@ -52,7 +52,8 @@ def _qemu(kernel: Kernel, initramfs: Path, job: Path, console: Path) -> list[str
         -accel tcg,thread=multi -cpu max -machine pc -m {MEMORY_MB} -smp {CPUS}
         -nodefaults -no-user-config -display none -monitor none -no-reboot
         -serial file:{console}
-        -device virtio-serial-pci -chardev file,id=out,path=/proc/self/fd/1,append=on -device virtserialport,nr=1,chardev=out
+        -chardev file,id=out,path=/proc/self/fd/1,append=on
+        -device virtio-serial-pci -device virtserialport,nr=1,chardev=out
         -fsdev local,id=host,path=/,security_model=none,readonly=on,multidevs=remap
         -device virtio-9p-pci,fsdev=host,mount_tag=host
         -fsdev local,id=job,path={job},security_model=none -device virtio-9p-pci,fsdev=job,mount_tag=job
@@ -76,8 +77,7 @@ def _boot(qemu: list[str], limit_s: float, console: Path) -> None:
         alarm = threading.Timer(limit_s, end)
         alarm.start()
         try:
-            assert machine.stdout is not None  # it was asked for
-            while piece := os.read(machine.stdout.fileno(), 1 << 16):
+            while machine.stdout and (piece := os.read(machine.stdout.fileno(), 1 << 16)):
                 sys.stdout.buffer.write(piece)
                 sys.stdout.flush()
             machine.wait()
