@@ -38,6 +38,11 @@ def is_there(name):
     return name in (one for _, one in socket.if_nameindex())
 
 
+def is_up(name):
+    """By its flags; the state that `ip` shows follows later."""
+    return int(Path(f"/sys/class/net/{name}/flags").read_text(), 16) & 1
+
+
 def wait_for(condition, timeout_s=10.0, step_s=0.01):
     end_s = time.monotonic() + timeout_s
     while not (result := condition()):
@@ -107,7 +112,7 @@ class Cable:
         elif not self.is_real and not is_there(self.near):
             ip("link", "add", self.near, "type", "vxcan", "peer", "name", self.far)
         for end in (self.near, self.far):
-            if "state DOWN" in ip("link", "show", end) or not self.is_real:
+            if not is_up(end):
                 self.up(end)
 
     def remove(self):

@@ -15,7 +15,7 @@ from tools.guest.host import GuestError, program
 from tools.guest.kernel import Kernel, write_initramfs
 
 MEMORY_MB = 1536
-CPUS = 2
+CPUS = 1
 SESSION = Path(__file__).with_name("session.sh")
 CONSOLE_TAIL = 30
 NOT_PASSED_ON = frozenset({"PWD", "OLDPWD", "SHLVL", "_", "PATH", "HOME", "TMPDIR", "TMP", "TEMP"})
@@ -49,7 +49,7 @@ def _script(command: list[str]) -> str:
 def _qemu(kernel: Kernel, initramfs: Path, job: Path, console: Path) -> list[str]:
     """QEMU's command line. Translated, never KVM: where a virtual machine offers it, it need not work."""
     arguments = f"""
-        -accel tcg,thread=multi -cpu max -machine pc -m {MEMORY_MB} -smp {CPUS}
+        -accel tcg -icount shift=1,sleep=off -cpu max -machine pc -m {MEMORY_MB} -smp {CPUS}
         -nodefaults -no-user-config -display none -monitor none -no-reboot
         -serial file:{console}
         -chardev file,id=out,path=/proc/self/fd/1,append=on
