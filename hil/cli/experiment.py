@@ -83,7 +83,7 @@ class _Record:
 
     def __init__(self, recorder: Recorder | QueuedRecorder, bus_errors: Mapping[str, int] | None = None) -> None:
         self.recorder = recorder
-        self._bus_errors = bus_errors or {}
+        self._bus_errors: Mapping[str, int] = {} if bus_errors is None else bus_errors
         self.outcome: Outcome | None = None
         self._started = time.perf_counter()
 

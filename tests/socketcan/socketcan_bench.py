@@ -1,6 +1,7 @@
 """`hil run` and `firmware-sim` as processes of their own: forks, so that what they import is imported once.
 
-In a guest without hardware virtualisation that is twenty seconds for each.
+In the guest that takes its time, and its clock runs on while a file is fetched from the host: nothing that is timed may
+read one for the first time.
 """
 
 import json
@@ -15,11 +16,19 @@ from pathlib import Path
 from kernel_links import wait_for
 
 import firmware_sim.cli
+import firmware_sim.control
+import firmware_sim.interface
+import firmware_sim.record
+import firmware_sim.rig
+import firmware_sim.serve
+import firmware_sim.settings
 import hil.cli.app
+import hil.edge.socketcan
 from hil.cli import build, experiment, show  # noqa: F401 - imported before the forks
 
 PERIOD_S = 0.1
 WATCHDOG_S = 0.25
+START_S = 300.0
 OFF = [0.0, 0.0]
 STORY = """
 [scenario]
@@ -108,7 +117,7 @@ class Rig:
 
     def wait_until_it_runs(self, since, changes=5):
         """Until the pump node has obeyed some commands of a run that began when it had `since` changes."""
-        wait_for(lambda: sum(one["cause"] == "command" for one in self.pump()[since:]) >= changes, 30.0, 0.03)
+        wait_for(lambda: sum(one["cause"] == "command" for one in self.pump()[since:]) >= changes, START_S, 0.03)
 
     def wait_until_safe(self, since):
         """The trip of the pump node at 0 V, and how long after the last command it obeyed."""
@@ -153,7 +162,7 @@ def emulator(channel, folder, *options):
     arguments = ["firmware-sim", "-i", "socketcan", "-c", channel, "--record", record, "--control", control, *options]
     process = Forked(firmware_sim.cli.main, arguments, folder / "rig.out")
     try:
-        wait_for(lambda: "firmware-sim ready: socketcan" in process.out or not process.is_alive, 30.0)
+        wait_for(lambda: "firmware-sim ready: socketcan" in process.out or not process.is_alive, START_S)
         assert process.is_alive, process.out
         yield Rig(process, record, control)
     finally:

@@ -11,7 +11,7 @@ from pathlib import Path
 from tools.guest import host, kernel, machine, tests
 
 NO_GUEST = 125
-LIMIT_S = 600.0
+LIMIT_S = 1200.0
 
 
 def main() -> int:
@@ -35,7 +35,7 @@ def main() -> int:
             return machine.run(_kernel(), _without_dashes(given.command), given.limit)
         else:
             return _test(_without_dashes(given.options))
-    except host.GuestError as error:
+    except (host.GuestError, machine.GuestLostError) as error:
         print(f"guest: {error}", file=sys.stderr)
         return NO_GUEST
     return 0

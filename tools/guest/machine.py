@@ -11,7 +11,7 @@ import tempfile
 import threading
 from pathlib import Path
 
-from tools.guest.host import GuestError, program
+from tools.guest.host import program
 from tools.guest.kernel import Kernel, write_initramfs
 
 MEMORY_MB = 1536
@@ -21,10 +21,14 @@ CONSOLE_TAIL = 30
 NOT_PASSED_ON = frozenset({"PWD", "OLDPWD", "SHLVL", "_", "PATH", "HOME", "TMPDIR", "TMP", "TEMP"})
 
 
+class GuestLostError(Exception):
+    """The guest did not get to the end of the command; the message has its console."""
+
+
 def run(kernel: Kernel, command: list[str], limit_s: float) -> int:
     """Boot, run the command in the current folder with this environment, power off; the command's exit code.
 
-    Raises GuestError when the guest ended without one, or ran for longer than limit_s.
+    Raises GuestLostError when it ended without one, or ran for longer than limit_s.
     """
     with tempfile.TemporaryDirectory(prefix="guest-") as scratch:
         job, initramfs, console = Path(scratch) / "job", Path(scratch) / "initramfs", Path(scratch) / "console"
@@ -36,7 +40,7 @@ def run(kernel: Kernel, command: list[str], limit_s: float) -> int:
         try:
             return int((job / "exit_code").read_text())
         except (OSError, ValueError):
-            raise GuestError(f"the guest ended without an exit code; its console:\n{_tail(console)}") from None
+            raise GuestLostError(f"the guest ended without an exit code; its console:\n{_tail(console)}") from None
 
 
 def _script(command: list[str]) -> str:
@@ -85,7 +89,7 @@ def _boot(qemu: list[str], limit_s: float, console: Path) -> None:
             alarm.cancel()
             machine.kill()
     if is_late.is_set():
-        raise GuestError(f"the guest was ended after {limit_s:g} s; its console:\n{_tail(console)}")
+        raise GuestLostError(f"the guest was ended after {limit_s:g} s; its console:\n{_tail(console)}")
 
 
 def _tail(console: Path) -> str:
