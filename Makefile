@@ -9,7 +9,7 @@ READY  := $(VENV)/.installed
 COVERED := --cov-branch --cov-fail-under=100 --cov-report=term-missing:skip-covered \
 	$(addprefix --cov=hil.,core.supervisor core.interlocks core.overshoot wire.checks wire.commands)
 
-.PHONY: help setup demo test test-long mutants lint unit live benchmarks lock clean
+.PHONY: help setup demo test test-socketcan test-long mutants lint unit live benchmarks lock clean
 
 help:            ## show this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*##/\t/'
@@ -36,9 +36,12 @@ lint: $(READY)   ## style, types, architecture
 	$(BIN)/lint-imports
 
 unit: $(READY)   ## the test suite
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not live and not long" --ignore=tests/safety --ignore=tests/wire
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not live and not long and not socketcan" --ignore=tests/safety --ignore=tests/wire
 	$(BIN)/python -m pytest -n 2 --dist loadfile tests/safety tests/wire $(COVERED)
 	$(BIN)/python -m pytest -m "live and not long"
+
+test-socketcan: $(READY)  ## the tests on the kernel's CAN buses, in a guest where this kernel has none
+	@$(BIN)/python -m tools.guest test
 
 test-long: $(READY)  ## simulated hours, two thousand pairs of faults: half an hour on two cores
 	$(BIN)/python -m pytest -n 2 -m long

@@ -118,18 +118,27 @@ def _serve_slcan(rig: "Rig", control: "Control", tcp_port: int | None) -> None:
 def _serve_bus(rig: "Rig", control: "Control", interface: str, channel: str | None, bitrate: int | None) -> None:
     import can
 
+    from firmware_sim.interface import InterfacePort, is_there
     from firmware_sim.ports import BUS_ERRORS, BusPort
 
-    if interface == "socketcan" and not _has_socketcan():
+    is_kernel = interface == "socketcan"
+    if is_kernel and not _has_socketcan():
         raise UsageError("-i socketcan: this system has no SocketCAN (AF_CAN sockets)")
+    if is_kernel and not is_there(str(channel)):
+        raise UsageError(f"-i socketcan -c {channel}: there is no such interface")
     options: dict[str, Any] = {} if bitrate is None else {"bitrate": bitrate}
+
+    def open_bus() -> can.BusABC:
+        return can.Bus(channel, interface, ignore_config=True, **options)
+
     try:
-        bus = can.Bus(channel, interface, ignore_config=True, **options)
+        bus = open_bus()
     except (NotImplementedError, TypeError, ImportError, *BUS_ERRORS) as error:
         what = " ".join(str(error).split()) or type(error).__name__
         raise UsageError(f"-i {interface} -c {channel}: cannot open the bus: {what}") from None
     with bus:
-        _run(rig, control, BusPort(rig, bus), f"{interface} on {channel}")
+        port = InterfacePort(rig, bus, lambda: is_there(str(channel)), open_bus) if is_kernel else BusPort(rig, bus)
+        _run(rig, control, port, f"{interface} on {channel}")
 
 
 def _has_socketcan() -> bool:

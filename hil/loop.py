@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol
 
 from hil.core import controller, supervisor
@@ -99,6 +99,7 @@ class ControlLoop:
         self._waiting_since_ns: int | None = None
         self._ending_since_ns: int | None = None
         self._t_s = 0.0
+        self._noted: tuple[Event, ...] = ()
         self.outcome: Outcome | None = None
 
     def receive(self, frame: Frame, received_ns: int) -> None:
@@ -108,6 +109,11 @@ class ControlLoop:
             self._recorder.frame(received_ns * 1e-9, frame.arbitration_id, frame.data, True)
         else:
             self._recorder.message(received_ns * 1e-9, frame)
+
+    def note(self, event: Event) -> None:
+        """Put what the bus says into the record, and before the watcher with the next step."""
+        self._recorder.event(self._t_s, event)
+        self._noted += (event,)
 
     def tick(self, now_ns: int, timing: Timing, stop_reason: str = "") -> None:
         """Step, encode, write, record. `outcome` is set once the run is over and the pumps are known to be off."""
@@ -170,8 +176,11 @@ class ControlLoop:
 
     def _show(self, inputs: Inputs, output: Output) -> None:
         """Let the watcher see the step; one that fails is left behind, the run goes on."""
+        noted, self._noted = self._noted, ()
         if self._on_tick is None:
             return
+        if noted:
+            output = replace(output, events=noted + output.events)
         try:
             self._on_tick(inputs, output, self._state.supervision.mode)
         except Exception as error:  # noqa: BLE001 - whatever a display raises is no reason to stop pumps

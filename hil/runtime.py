@@ -45,6 +45,8 @@ def run(loop: ControlLoop, port: BusPort, clock: Clock, period_s: float, stop_re
             late_ns = now_ns - deadline_ns
             missed = late_ns // period_ns
             skipped += missed
+            for event in port.news():
+                loop.note(event)
             loop.tick(now_ns, Timing(late_ns * 1e-9, skipped), stop_reason())
             deadline_ns += period_ns * (missed + 1)
     finally:
@@ -60,10 +62,10 @@ def _listen(loop: ControlLoop, port: BusPort, clock: Clock, deadline_ns: int) ->
             continue
         message = port.receive(remaining_ns * 1e-9)
         if message is not None:
-            loop.receive(message, clock.now_ns())
+            loop.receive(message, port.arrived_ns(message, clock.now_ns()))
 
 
 def _catch_up(loop: ControlLoop, port: BusPort, clock: Clock) -> None:
     """Take in what has piled up during a stall, so that the step sees what the nodes did meanwhile."""
     for message in port.waiting():
-        loop.receive(message, clock.now_ns())
+        loop.receive(message, port.arrived_ns(message, clock.now_ns()))

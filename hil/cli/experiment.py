@@ -106,6 +106,8 @@ class _Record:
             "frames_lost": outcome.frames_lost,
             **{f"line_{name}": number for name, number in self._port.line_counts.items()},
         }
+        if self._port.bus_errors:
+            counts["bus_errors"] = dict(self._port.bus_errors)
         self.recorder.event(outcome.t_s, Event(severity, "end", f"{outcome.status}: {outcome.reason}", counts))
         self.recorder.close(outcome.status, outcome.reason, speed_x=outcome.t_s / wall_s)
 

@@ -6,16 +6,25 @@ it and, when the link is gone, says so in `is_up`, which trips the supervisor.
 
 from __future__ import annotations
 
+import errno
+from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
 import can
 from can.typechecking import CanFilter
 
+from hil.core.types import Event, Severity
+from hil.edge.clock import ArrivalClock
 from hil.edge.slcan import SlcanBus
+from hil.wire import error_frames
+from hil.wire.error_frames import WORDS, ErrorKind
 
 BUS_ERRORS = (can.CanError, OSError, ValueError, IndexError)
 """What python-can's interfaces raise on a bad line, a lost adapter, a full queue."""
+
+LINK_GONE = frozenset({errno.ENETDOWN, errno.ENODEV, errno.ENXIO})
+"""Errors of an interface that was taken down or unplugged; no further send is tried."""
 
 SEND_FAILURES_IN_A_ROW = 3
 LARGEST_BATCH = 1000
@@ -39,12 +48,14 @@ class BusAddress:
         Configuration files and variables of python-can are not read. Raises BusError.
         """
         options: dict[str, Any] = {"bitrate": self.bitrate} if self.interface != "virtual" else {}
-        if self.interface == "socketcan":
-            del options["bitrate"]  # set by whoever brings the link up
         filters: list[CanFilter] = [{"can_id": can_id, "can_mask": 0x7FF, "extended": False} for can_id in ids]
         try:
             if self.interface == "slcan":
                 return SlcanBus(self.channel, self.bitrate, filters)
+            if self.interface == "socketcan":
+                from hil.edge.socketcan import SocketCan  # only now: netlink is nothing to the other buses
+
+                return SocketCan(self.channel, self.bitrate, filters)
             return can.Bus(
                 interface=self.interface,
                 channel=self.channel,
@@ -57,8 +68,9 @@ class BusAddress:
             hint = ""
             if self.interface == "socketcan" and getattr(error, "errno", None) == 97:
                 hint = " (this kernel has no SocketCAN)"
+            what = error.strerror if isinstance(error, OSError) and error.strerror else error
             raise BusError(
-                f"bus {self.interface} {self.channel!r} at {self.bitrate} bit/s can't be opened: {error}{hint}"
+                f"bus {self.interface} {self.channel!r} at {self.bitrate} bit/s can't be opened: {what}{hint}"
             ) from None
 
 
@@ -72,6 +84,9 @@ class BusPort:
         self.receive_failures = 0
         self.is_up = True
         self.last_error = ""
+        self.bus_errors: Counter[str] = Counter()
+        self._arrival = ArrivalClock() if getattr(bus, "has_arrival_stamps", False) else None
+        self._news = [Event(Severity.WARNING, "bus_setting", text) for text in getattr(bus, "warnings", ())]
 
     @property
     def line_counts(self) -> dict[str, int]:
@@ -81,12 +96,15 @@ class BusPort:
     def receive(self, timeout_s: float) -> can.Message | None:
         """The next frame, or None after timeout_s or a failure."""
         try:
-            return self._bus.recv(timeout_s)
+            message = self._bus.recv(timeout_s)
         except BUS_ERRORS as error:
             self.receive_failures += 1
             self.is_up = False
             self.last_error = str(error)
             return None
+        if message is not None and message.is_error_frame:
+            self._note_error_frame(message)
+        return message
 
     def waiting(self) -> list[can.Message]:
         """What has arrived so far; bounded, so that a babbling node can't hold a step up."""
@@ -104,11 +122,20 @@ class BusPort:
             self.send_failures += 1
             self._failed_sends += 1
             self.last_error = str(error)
-            if self._failed_sends >= SEND_FAILURES_IN_A_ROW:
+            if self._failed_sends >= SEND_FAILURES_IN_A_ROW or _number(error) in LINK_GONE:
                 self.is_up = False
             return False
         self._failed_sends = 0
         return True
+
+    def arrived_ns(self, message: can.Message, now_ns: int) -> int:
+        """When a frame came, on the monotonic clock: the kernel's stamp where there is one, else now."""
+        return now_ns if self._arrival is None else self._arrival.arrived_ns(message.timestamp, now_ns)
+
+    def news(self) -> list[Event]:
+        """What the bus has to say since the last call: its settings at first, then each kind of error once."""
+        news, self._news = self._news, []
+        return news
 
     def close(self) -> None:
         """Shut the bus down; a link that is gone already is no news."""
@@ -116,3 +143,19 @@ class BusPort:
             self._bus.shutdown()
         except BUS_ERRORS as error:
             self.last_error = str(error)
+
+    def _note_error_frame(self, message: can.Message) -> None:
+        """Count what an error frame says, tell each kind once; a controller that is bus-off is a link that is gone."""
+        for kind in error_frames.read(message.arbitration_id, message.data):
+            if kind not in self.bus_errors:
+                self._news.append(Event(Severity.WARNING, "bus_error", WORDS[kind], {"kind": kind.value}))
+            self.bus_errors[kind] += 1
+            self.last_error = WORDS[kind]
+            if kind is ErrorKind.BUS_OFF:
+                self.is_up = False
+                return  # nothing else matters more
+
+
+def _number(error: Exception) -> int | None:
+    """The system's number of an error, if it has one."""
+    return getattr(error, "error_code", None) or getattr(error, "errno", None)

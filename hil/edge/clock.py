@@ -1,9 +1,10 @@
-"""The monotonic clock, and a flag that signals set."""
+"""The monotonic clock, what came when on it, and a flag that signals set."""
 
 from __future__ import annotations
 
 import signal
 import time
+from collections.abc import Callable
 from types import FrameType
 
 
@@ -19,6 +20,24 @@ class MonotonicClock:
         remaining = deadline_ns - time.monotonic_ns()
         if remaining > 0:
             time.sleep(remaining * 1e-9)
+
+
+class ArrivalClock:
+    """Turns the kernel's receive stamps, on the wall clock, into monotonic times of arrival.
+
+    A frame arrived after the one before it, and before now: so a wall clock that jumps makes no frame of the future and
+    none older than the gap before it.
+    """
+
+    def __init__(self, wall_ns: Callable[[], int] = time.time_ns) -> None:
+        self._wall_ns = wall_ns
+        self._newest_ns = 0
+
+    def arrived_ns(self, stamp_s: float, now_ns: int) -> int:
+        """When a frame arrived. stamp_s : the kernel's, s since the epoch. now_ns : monotonic."""
+        waited_ns = self._wall_ns() - round(stamp_s * 1e9)
+        self._newest_ns = min(max(now_ns - waited_ns, self._newest_ns), now_ns)
+        return self._newest_ns
 
 
 class StopSignal:

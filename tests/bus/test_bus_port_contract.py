@@ -1,4 +1,4 @@
-"""What the control loop may rely on of a bus, whichever it is: a virtual one, slcan over TCP, slcan over a pty."""
+"""What the control loop may rely on of a bus: a virtual one, slcan over TCP, slcan over a pty, the kernel's."""
 
 import time
 
@@ -6,6 +6,7 @@ import pytest
 from bus_bench import (
     COMMAND_ID,
     FOREIGN_ID,
+    IDS,
     LEVELS_ID,
     STATUS_ID,
     SlcanFar,
@@ -15,15 +16,23 @@ from bus_bench import (
     next_frame,
     wait_for,
 )
+from kernel_links import KernelFar
 
 FARS = {
     "virtual": lambda request: VirtualFar(request.node.name),
     "slcan over TCP": lambda _: SlcanFar.on_tcp(),
     "slcan over a pty": lambda _: SlcanFar.on_pty(),
+    "vcan": lambda request: KernelFar(request.getfixturevalue("loop"), IDS),
+    "two controllers": lambda request: KernelFar(request.getfixturevalue("cable"), IDS),
 }
+KERNEL = ("vcan", "two controllers")
 
 
-@pytest.fixture(params=FARS.values(), ids=FARS.keys())
+@pytest.fixture(
+    params=[
+        pytest.param(make, id=name, marks=[pytest.mark.socketcan] * (name in KERNEL)) for name, make in FARS.items()
+    ]
+)
 def far(request):
     with closing(request.param(request)) as one:
         yield one

@@ -1,7 +1,6 @@
 """Cases 12 to 14, 16, 20 to 28: strangers on the bus, disturbances, adapters that fail, links that go."""
 
 import errno
-import os
 import socket
 import threading
 import time
@@ -9,7 +8,7 @@ from contextlib import contextmanager, suppress
 
 import can
 import pytest
-from bus_bench import BITRATE, IDS, LEVELS_ID, RawAdapter, closing, line, next_frame
+from bus_bench import RawAdapter, closing, line, next_frame
 from faults_bench import (
     OFF,
     RX_S,
@@ -27,7 +26,6 @@ from faults_bench import (
 from live_bench import PLAIN, controller, emulator, wait_for, write_scenario
 
 from firmware_sim import wire as node
-from hil.edge.bus import BusAddress, BusPort
 from hil.edge.slcan_lines import LONGEST_LINE
 from hil.wire.commands import CommandSender
 from hil.wire.receiver import Receiver
@@ -254,88 +252,3 @@ def test_case_27_every_send_refused_from_the_start():
     assert run.cause == "echo_missing", run.told
     assert run.trip_s <= 5 * T_S + TIME_TOLERANCE_S
     assert all(change.applied_V == OFF for change in run.keeper.changes if change.node == "pump")
-
-
-needs_can = pytest.mark.skipif(not hasattr(socket, "AF_CAN"), reason="this Python knows no AF_CAN")
-VCAN = "vcan0"
-
-
-@pytest.fixture
-def vcan():
-    """A port and a raw bus on the kernel's vcan0; skips with the reason where there is none."""
-    try:
-        with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as one:
-            one.bind((VCAN,))
-    except OSError as error:
-        pytest.skip(f"needs AF_CAN and {VCAN} (ip link add {VCAN} type vcan; ip link set {VCAN} up): {error}")
-    port = BusPort(BusAddress("socketcan", VCAN, BITRATE).open(IDS))
-    far = can.Bus(interface="socketcan", channel=VCAN, ignore_config=True)
-    try:
-        yield port, far
-    finally:
-        port.close()
-        far.shutdown()
-
-
-@needs_can
-@pytest.mark.socketcan
-def test_case_20_error_frames_reach_us_past_the_filters(vcan):
-    """The kernel hands error frames on, although the filters name our identifiers only."""
-    port, far = vcan
-    far.send(can.Message(is_error_frame=True, arbitration_id=0x4, data=bytes(8)))
-    far.send(can.Message(arbitration_id=LEVELS_ID, is_extended_id=False, data=GOOD))
-    got = [next_frame(port), next_frame(port)]
-    assert [bool(message and message.is_error_frame) for message in got] == [True, False]
-
-
-@needs_can
-@pytest.mark.socketcan
-def test_case_12_foreign_frames_are_kept_out_by_the_kernel(vcan):
-    """A thousand strange frames: none of them reaches us, ours does at once."""
-    port, far = vcan
-    for _ in range(1000):
-        far.send(can.Message(arbitration_id=0x7A5, is_extended_id=False, data=bytes(8)))
-    far.send(can.Message(arbitration_id=LEVELS_ID, is_extended_id=False, data=GOOD))
-    assert bytes(next_frame(port).data) == GOOD
-
-
-@needs_can
-@pytest.mark.socketcan
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root may take an interface down")
-def test_case_22_interface_of_the_kernel_down_and_up(vcan):
-    """`ip link set down` is noticed within W, and the port stays down when the interface is up again."""
-    import subprocess
-
-    port, _ = vcan
-    try:
-        subprocess.run(["ip", "link", "set", VCAN, "down"], check=True)
-        end_s = time.monotonic() + W_S
-        while port.is_up and time.monotonic() < end_s:
-            port.send(0x201, bytes(6), 0.0)
-            port.receive(0.01)
-        assert not port.is_up, "noticed within W"
-    finally:
-        subprocess.run(["ip", "link", "set", VCAN, "up"], check=True)
-    assert not port.is_up, "stays down until a new run opens it"
-
-
-@needs_can
-@pytest.mark.socketcan
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root may shorten an interface's queue")
-def test_case_23_transmit_queue_of_the_kernel_full(vcan):
-    """A queue of one on an interface that nobody drains: sends fail at once, three in a row are a failed bus."""
-    import subprocess
-
-    port, _ = vcan
-    limit = f"tc qdisc replace dev {VCAN} root tbf rate 8bit burst 16b limit 16b"
-    made = subprocess.run(limit.split(), check=False, capture_output=True, text=True)
-    if made.returncode:
-        pytest.skip(f"needs tc and its tbf: {made.stderr.strip()}")
-    try:
-        for _ in range(10):
-            started_s = time.monotonic()
-            port.send(0x201, bytes(6), 0.0)
-            assert time.monotonic() - started_s < 0.01, "a send never waits"
-        assert not port.is_up
-    finally:
-        subprocess.run(["tc", "qdisc", "del", "dev", VCAN, "root"], check=False)

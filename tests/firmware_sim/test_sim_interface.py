@@ -1,0 +1,97 @@
+"""The emulator on an interface that goes down, is unplugged, and comes back: on buses that fail as the kernel's do."""
+
+import errno
+
+import can
+import pytest
+from sim_bench import MS, shipped
+
+from firmware_sim.interface import LOOK_AGAIN_NS, InterfacePort
+from firmware_sim.rig import Rig
+
+DOWN, GONE, NO_DEVICE = errno.ENETDOWN, errno.ENODEV, errno.ENXIO
+
+
+class Interface:
+    """A bus whose next receive and all sends fail with these errors, if any."""
+
+    def __init__(self, receive=None, send=None):
+        self.receive_error, self.send_error = receive, send
+        self.sent, self.is_open = [], True
+
+    def fileno(self):
+        return 7
+
+    def recv(self, timeout=None):
+        del timeout
+        if self.receive_error is not None:
+            number, self.receive_error = self.receive_error, None
+            raise can.CanOperationError("gone", number)
+
+    def send(self, message, timeout=None):
+        del timeout
+        if self.send_error is not None:
+            raise can.CanOperationError("gone", self.send_error)
+        self.sent.append(message)
+
+    def shutdown(self):
+        self.is_open = False
+
+
+class Bench:
+    def __init__(self):
+        self.bus, self.next_bus, self.is_back = Interface(), Interface(), False
+        self.port = InterfacePort(Rig(shipped(), (), 1, 0), self.bus, lambda: self.is_back, self._open)
+
+    def _open(self):
+        if isinstance(self.next_bus, Exception):
+            raise self.next_bus
+        return self.next_bus
+
+
+@pytest.fixture
+def bench():
+    one = Bench()
+    yield one
+    one.port.close()
+
+
+def test_down_and_up_it_is_the_same_interface(bench):
+    bench.bus.receive_error = bench.bus.send_error = DOWN
+    bench.port.step(100 * MS)
+    assert bench.port.errors["receive"] == 1
+    assert bench.port.errors["send"] > 0
+    bench.bus.send_error = None
+    bench.port.step(200 * MS)
+    assert bench.bus.sent
+    assert bench.port.filenos() == [7]
+    assert bench.port.reopened == 0
+
+
+@pytest.mark.parametrize("number", [GONE, NO_DEVICE])
+@pytest.mark.parametrize("first", ["receive_error", "send_error"])
+def test_unplugged_it_waits_for_ever_and_opens_the_next_one_of_that_name(bench, number, first):
+    setattr(bench.bus, first, number)
+    bench.port.step(100 * MS)
+    assert not bench.bus.is_open
+    assert bench.port.filenos() not in ([], [7]), "waited on, or the service would spin"
+    for second in (10, 20, 30):
+        assert bench.port.read(second * 1000 * MS) is True, "no failure of the rig's"
+        bench.port.send(bench.port.rig.advance(second * 1000 * MS))
+    assert bench.next_bus.sent == []
+    bench.is_back = True
+    bench.port.step(30_000 * MS + LOOK_AGAIN_NS)
+    assert bench.next_bus.sent
+    assert (bench.port.reopened, bench.port.filenos()) == (1, [7])
+
+
+def test_an_interface_that_can_not_be_opened_yet_is_tried_again(bench):
+    bench.bus.receive_error = GONE
+    bench.port.step(100 * MS)
+    bench.is_back, usable = True, bench.next_bus
+    bench.next_bus = OSError(errno.ENODEV, "not yet")
+    bench.port.step(100 * MS + LOOK_AGAIN_NS)
+    assert bench.port.reopened == 0
+    bench.next_bus = usable
+    bench.port.step(100 * MS + 2 * LOOK_AGAIN_NS)
+    assert bench.port.reopened == 1

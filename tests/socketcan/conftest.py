@@ -1,0 +1,20 @@
+"""Interfaces of the kernel for the tests, and the emulator that serves one of them for a whole session."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).parent
+sys.path[:0] = [str(HERE), str(HERE.parent / "bus")]
+
+from kernel_fixtures import cable, loop  # noqa: E402, F401 - fixtures
+
+
+@pytest.fixture(scope="session")
+def rig(cable, tmp_path_factory):  # noqa: F811 - the fixture
+    """The emulator on the far end of the cable."""
+    from socketcan_bench import emulator
+
+    with emulator(cable.far, tmp_path_factory.mktemp("rig")) as one:
+        yield one

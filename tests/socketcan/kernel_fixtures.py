@@ -1,0 +1,29 @@
+"""Fixtures of kernel interfaces, for every folder whose tests use them."""
+
+import os
+
+import pytest
+from kernel_links import Cable, Loop, reason_against
+
+
+def _links(kind):
+    reason = reason_against()
+    if reason:
+        (pytest.fail if os.environ.get("CI") else pytest.skip)(reason)
+    return kind()
+
+
+@pytest.fixture(scope="session")
+def loop():
+    """A vcan interface, both of whose ends are the same."""
+    links = _links(Loop)
+    yield links
+    links.remove()
+
+
+@pytest.fixture(scope="session")
+def cable():
+    """Two interfaces wired to one another: in the guest two controllers, elsewhere a vxcan."""
+    links = _links(Cable)
+    yield links
+    links.remove()

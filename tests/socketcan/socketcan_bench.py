@@ -1,0 +1,183 @@
+"""`hil run` and `firmware-sim` as processes of their own: forks, so that what they import is imported once.
+
+In the guest that takes its time, and its clock runs on while a file is fetched from the host: nothing that is timed may
+read one for the first time.
+"""
+
+import json
+import multiprocessing
+import os
+import signal
+import socket
+import sys
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from kernel_links import wait_for
+
+import firmware_sim.cli
+import firmware_sim.control
+import firmware_sim.interface
+import firmware_sim.record
+import firmware_sim.rig
+import firmware_sim.serve
+import firmware_sim.settings
+import hil.cli.app
+import hil.edge.socketcan
+from hil.cli import build, experiment, show  # noqa: F401 - imported before the forks
+
+PERIOD_S = 0.1
+WATCHDOG_S = 0.25
+START_S = 300.0
+OFF = [0.0, 0.0]
+STORY = """
+[scenario]
+name = "kernel"
+duration_s = {duration}
+[diagnosis]
+method = "none"
+[rig]
+safety.arm_timeout_s = 10.0
+"""
+
+_fork = multiprocessing.get_context("fork")
+
+
+def _become(main, arguments, output):
+    """In the fork: a console script, at a priority at which the tests themselves don't hold it up."""
+    with suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(20))
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
+    with Path(os.devnull).open() as nothing, output.open("w", buffering=1) as sink:
+        os.dup2(nothing.fileno(), 0)
+        os.dup2(sink.fileno(), 1)
+        os.dup2(sink.fileno(), 2)
+        sys.stdout = sys.stderr = sink
+        sys.stdin = nothing
+        sys.argv = [str(one) for one in arguments]
+        main()
+
+
+class Forked:
+    """A process, and what it has printed."""
+
+    def __init__(self, main, arguments, output):
+        self._output = output
+        self._process = _fork.Process(target=_become, args=(main, arguments, output), daemon=True)
+        self._process.start()
+        self.pid = self._process.pid
+
+    @property
+    def out(self):
+        return self._output.read_text() if self._output.exists() else ""
+
+    @property
+    def is_alive(self):
+        return self._process.exitcode is None
+
+    def signal(self, number):
+        os.kill(self.pid, number)
+
+    def wait(self, timeout_s=20.0):
+        """Exit code. No way of ending may show a traceback."""
+        self._process.join(timeout_s)
+        assert self._process.exitcode is not None, ("does not end", self.out)
+        assert "Traceback" not in self.out, self.out
+        return self._process.exitcode
+
+    def end(self):
+        if self._process.exitcode is None:
+            self.signal(signal.SIGCONT)
+            self._process.kill()
+            self._process.join()
+
+
+class Rig:
+    """A running firmware-sim and what its pump node has recorded."""
+
+    def __init__(self, process, record, control):
+        self.process, self._control = process, control
+        self._lines = record.open()
+        self._changes = []
+
+    def pump(self):
+        self._changes += [
+            change for line in self._lines if (change := json.loads(line))["node"] == "pump" and line.endswith("\n")
+        ]
+        return self._changes
+
+    def fail(self, words):
+        """A failure by command, in the emulator's words."""
+        with socket.socket(socket.AF_UNIX) as client:
+            client.connect(str(self._control))
+            client.sendall(f"failure {words}\n".encode())
+            answer = client.recv(4096).decode()
+        assert answer.startswith("ok"), answer
+
+    def wait_until_it_runs(self, since, changes=5):
+        """Until the pump node has obeyed some commands of a run that began when it had `since` changes."""
+        wait_for(lambda: sum(one["cause"] == "command" for one in self.pump()[since:]) >= changes, START_S, 0.03)
+
+    def wait_until_safe(self, since):
+        """The trip of the pump node at 0 V, and how long after the last command it obeyed."""
+        is_safe = lambda: self.pump()[-1]["applied_V"] == OFF and self.pump()[-1]["state"] == "tripped"  # noqa: E731
+        wait_for(is_safe, 3.0, 0.03)
+        commands = [one for one in self.pump()[since:] if one["cause"] == "command"]
+        trip = next(
+            one for one in self.pump()[since:] if one["state"] == "tripped" and one["t_s"] > commands[-1]["t_s"]
+        )
+        assert trip["applied_V"] == OFF
+        return trip["cause"], trip["t_s"] - commands[-1]["t_s"]
+
+
+class Run:
+    """A running `hil run` and its folder."""
+
+    def __init__(self, process, folder):
+        self.process, self.folder = process, folder
+
+    def wait(self, timeout_s=20.0):
+        return self.process.wait(timeout_s)
+
+    @property
+    def out(self):
+        return self.process.out
+
+    def json(self, name):
+        return json.loads((self.folder / name).read_text())
+
+    def events(self):
+        return [json.loads(line) for line in (self.folder / "events.jsonl").read_text().splitlines()]
+
+    @property
+    def cause(self):
+        (trip,) = self.json("kpi.json")["trips"]
+        return trip["cause"]
+
+
+@contextmanager
+def emulator(channel, folder, *options):
+    record, control = folder / "node.jsonl", folder / "control"
+    arguments = ["firmware-sim", "-i", "socketcan", "-c", channel, "--record", record, "--control", control, *options]
+    process = Forked(firmware_sim.cli.main, arguments, folder / "rig.out")
+    try:
+        wait_for(lambda: "firmware-sim ready: socketcan" in process.out or not process.is_alive, START_S)
+        assert process.is_alive, process.out
+        yield Rig(process, record, control)
+    finally:
+        process.end()
+
+
+@contextmanager
+def controller(channel, folder, *options, duration=60.0, clear=True):
+    scenario = folder / "story.toml"
+    scenario.write_text(STORY.format(duration=duration))
+    out = folder / "run"
+    more = [*options, *(["--clear-trip"] if clear else [])]
+    arguments = ["hil", "run", scenario, "-i", "socketcan", "-c", channel, "--out", out, "--no-rerun", "--no-report"]
+    process = Forked(hil.cli.app.main, [*arguments, *more], folder / "run.out")
+    try:
+        yield Run(process, out)
+    finally:
+        process.end()
