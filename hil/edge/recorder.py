@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from math import nan
 from typing import Protocol, TextIO
 
 import can
@@ -20,12 +21,10 @@ import can
 from hil.core.types import Event, Quad, Severity, TickRecord
 from hil.edge.record_format import (
     COLUMNS,
-    KNOWN_LINE,
-    N_TRUTH,
-    UNKNOWN_LINE,
     Row,
     event_line,
     frame_line,
+    tick_line,
     tick_row,
 )
 from hil.edge.run_folder import RunFolder, RunFolderError, Status
@@ -116,6 +115,7 @@ class Recorder:
         self._errors: tuple[str, ...] = ()
         self._timeline = timeline
         self._t_s = 0.0
+        self._received_s = self._latency_s = nan
         self._is_closed = False
         self._ticks = _Sink(folder.ticks_path.name, ticks, self.note_failure)
         self._frames = _Sink(folder.can_log_path.name, frames, self.note_failure)
@@ -132,11 +132,17 @@ class Recorder:
             raise RunFolderError(f"cannot open the record in {folder.path}: {error.strerror}") from error
         return cls(folder, ticks=ticks, frames=frames, events=events, channel=channel, timeline=timeline)
 
-    def tick(self, record: TickRecord, true_level_cm: Quad | None = None) -> None:
-        """Write one step and its events. true_level_cm : the emulator's levels, where they are known."""
+    def tick(self, record: TickRecord, true_level_cm: Quad | None = None, queue: int = 0) -> None:
+        """Write one step and its events.
+
+        true_level_cm : the emulator's levels, known in lockstep; a step without them is one of a live run.
+        queue : entries that waited for the recorder.
+        """
         self._t_s = record.t_s
-        row = tick_row(record, true_level_cm)
-        self._ticks.write(UNKNOWN_LINE % row[:-N_TRUTH] if true_level_cm is None else KNOWN_LINE % row)
+        is_live = true_level_cm is None
+        row = tick_row(record, None, self._latency_s, queue) if is_live else tick_row(record, true_level_cm)
+        self._latency_s = nan
+        self._ticks.write(tick_line(row, is_live))
         if self._timeline is not None:
             self._try_timeline(self._timeline.tick, row)
         for event in record.events:
@@ -144,6 +150,10 @@ class Recorder:
 
     def frame(self, timestamp_s: float, arbitration_id: int, data: bytes | bytearray, is_rx: bool = True) -> None:
         """Write one ordinary frame (11-bit id, data); the quick way."""
+        if is_rx:
+            self._received_s = timestamp_s
+        else:
+            self._latency_s = timestamp_s - self._received_s
         self._frames.write(
             f"({timestamp_s:.6f}) {self._channel} {arbitration_id:03X}#{data.hex().upper()} {'R' if is_rx else 'T'}\n"
         )
@@ -178,16 +188,20 @@ class Recorder:
         """Finish all files and write down how the run ended. A second call does nothing."""
         if self._is_closed:
             return
-        self._is_closed = True
-        if self._timeline is not None:
-            self._try_timeline(self._timeline.close)
-        for sink in (self._ticks, self._frames, self._events):
-            sink.close()
+        self.abandon()
         troubles = {"errors": list(self._errors), "dropped": dropped}
         try:
             self._folder.finish(status, reason, speed_x=speed_x, recorder=troubles)
         except (OSError, RunFolderError) as error:
             self._errors += (f"{self._folder.manifest_path.name} keeps the status running: {error}",)
+
+    def abandon(self) -> None:
+        """Finish all files but run.json: the run was interrupted, nobody knows how it ended."""
+        self._is_closed = True
+        if self._timeline is not None:
+            self._try_timeline(self._timeline.close)
+        for sink in (self._ticks, self._frames, self._events):
+            sink.close()
 
     def _try_timeline(self, call: Callable[..., None], *arguments: object) -> None:
         try:
@@ -236,7 +250,7 @@ class QueuedRecorder:
     def tick(self, record: TickRecord, true_level_cm: Quad | None = None) -> None:
         """Queue one step."""
         self._t_s = record.t_s
-        self._append(self._recorder.tick, record, true_level_cm)
+        self._append(self._recorder.tick, record, true_level_cm, len(self._queue))
 
     def frame(self, timestamp_s: float, arbitration_id: int, data: bytes | bytearray, is_rx: bool = True) -> None:
         """Queue one ordinary frame; `data` must not change afterwards."""
