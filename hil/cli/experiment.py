@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
@@ -84,9 +84,9 @@ def run_live(
         record = stack.enter_context(_Record(recorder))
         loop = _loop(bench, config, options, port, recorder, on_tick=on_tick, clock_ns=clock.now_ns)
         stop = stack.enter_context(StopSignal())
-        stack.enter_context(_in_real_time(options.realtime, recorder))
+        asked = [] if options.realtime is None else [_real_time(stack, options.realtime, recorder)]
         record.outcome = runtime.run(
-            loop, port, clock, config.loop.period_s, lambda: stop.received.name if stop.received else ""
+            loop, port, clock, config.loop.period_s, lambda: stop.received.name if stop.received else "", *asked
         )
     return kpi.compute(folder), record.outcome
 
@@ -151,14 +151,10 @@ def _timeline(bench: Bench, config: ControllerConfig, options: Options, *, with_
     return TimelineSettings(bench.rig.sensors.gain_V_cm, config.duration_s, with_truth) if options.rerun else None
 
 
-@contextmanager
-def _in_real_time(wanted: RealTime | None, recorder: ProcessRecorder) -> Iterator[None]:
+def _real_time(stack: ExitStack, wanted: RealTime, recorder: ProcessRecorder) -> Callable[[], None]:
     """What the system grants of it, for this thread; what it doesn't is in the record and on the terminal."""
-    if wanted is None:
-        yield
-        return
-    with realtime.granted(wanted) as refusals:
-        for refusal in refusals:
-            sys.stderr.write(f"hil: {refusal}\n")
-            recorder.event(0.0, Event(Severity.WARNING, "realtime", refusal))
-        yield
+    granted = stack.enter_context(realtime.granted(wanted))
+    for refusal in granted.refusals:
+        sys.stderr.write(f"hil: {refusal}\n")
+        recorder.event(0.0, Event(Severity.WARNING, "realtime", refusal))
+    return granted.housekeeping
