@@ -163,6 +163,8 @@ def whole(
             config, bench.contract, bench.rig.sensors.range_V, port, watch, arm_timeout_s=10.0, clock_ns=clock.now_ns
         )
         granted = stack.enter_context(realtime.granted(RealTime(priority, cpu)))
+        period_ns = round(period_s * 1e9)
+        clock.sleep_until((clock.now_ns() // period_ns + 1) * period_ns)  # what the node counts on
         outcome = runtime.run(loop, port, clock, period_s, lambda: "", granted.housekeeping)
         if outcome.status != "complete":
             raise RuntimeError(f"the run ended {outcome.status}: {outcome.reason}")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import select
+import socket
 import sys
 import time
 from collections.abc import Iterable
@@ -21,8 +22,8 @@ from firmware_sim.rig import Rig
 from tools.benchmark import ROOT
 
 LEVEL_PERIOD_NS = 20_000_000
-LEAD_S = 0.0008
-"""So long before the next step the answer is sent, counted from the last command."""
+LEAD_NS = 500_000
+"""So long before the next step the answer is sent. Steps lie on whole multiples of the period, by the one clock."""
 
 FIRST_PATIENCE_S, PATIENCE_S = 60.0, 1.0
 
@@ -63,6 +64,7 @@ class SlcanLine:
             print(f"socket://127.0.0.1:{listener.getsockname()[1]}", flush=True)
             listener.setblocking(True)
             self._client, _ = listener.accept()
+        self._client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._link = SlcanLink(self._client.fileno())
         self._frames: list[can.Message] = []
 
@@ -90,15 +92,15 @@ def serve(line: Line, period_s: float, priority: int) -> None:
     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     truth, faults = settings.load(ROOT / "config/emulator.toml", None)
     rig = Rig(truth, faults, 1, settings.load_fingerprint(ROOT / "config/bench.dbc"))
-    rig_ns = 0
+    rig_ns, period_ns = 0, round(period_s * 1e9)
     patience_s = FIRST_PATIENCE_S
     while (command := line.receive(patience_s)) is not None:
-        due_s = time.monotonic() + period_s - LEAD_S
+        next_step_ns = (time.monotonic_ns() // period_ns + 1) * period_ns
         patience_s = PATIENCE_S
         rig.receive(command, rig_ns)
         rig_ns += LEVEL_PERIOD_NS
         frames = rig.advance(rig_ns)
-        time.sleep(max(due_s - time.monotonic(), 0.0))
+        time.sleep(max(next_step_ns - LEAD_NS - time.monotonic_ns(), 0) * 1e-9)
         line.send(frames)
 
 

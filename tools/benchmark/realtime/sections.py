@@ -120,7 +120,7 @@ def latency(plan: Plan) -> list[Section]:
     note = (
         "From the arrival of the newest frame that a step could use to the moment its command had been sent, as in "
         "ticks.csv. The whole controller in control, without a diagnosis, under SCHED_FIFO, no load; a node that "
-        "answers each command with levels, status and heartbeats 0.8 ms before the next step is due, so that every "
+        "answers each command with levels, status and heartbeats 0.5 ms before the next step is due, so that every "
         f"step has fresh ones. Target: p99 under 1 ms, with recording at most {100 * DIFFERENCE_TARGET:.0f} % more."
     )
     columns = (
