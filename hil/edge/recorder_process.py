@@ -242,7 +242,7 @@ class _Writer:
             remaining_s = flush_at_s - time.monotonic()
             if remaining_s > 0.0:
                 if select.select([self._line], [], [], remaining_s)[0]:
-                    data = self._line.recv(LARGEST_MESSAGE)
+                    data = self._heard()
                     if not data:
                         break
                     self._take(pickle.loads(data))  # noqa: S301 - from our own parent
@@ -251,6 +251,13 @@ class _Writer:
             flush_at_s = time.monotonic() + FLUSH_S
         if not self._is_closed:
             self._recorder.abandon()
+
+    def _heard(self) -> bytes:
+        """The next batch; empty when the controller is gone and all that it had sent is taken."""
+        try:
+            return self._line.recv(LARGEST_MESSAGE)
+        except ConnectionResetError:  # said once, ahead of what still waits, when it went without hearing our news
+            return self._line.recv(LARGEST_MESSAGE)
 
     def _take(self, batch: list[Entry]) -> None:
         for name, arguments in batch:
