@@ -31,7 +31,6 @@ from hil.edge import realtime
 from hil.edge.bus import BusAddress, BusPort
 from hil.edge.clock import MonotonicClock
 from hil.edge.realtime import RealTime
-from hil.edge.recorder import QueuedRecorder
 from hil.edge.recorder_process import ProcessRecorder
 from hil.edge.run_folder import RunFolder
 from hil.loop import ControlLoop, Outcome
@@ -187,9 +186,6 @@ def _recorder(kind: str, folder: Path, bench: build.Bench, config: ControllerCon
         return
     run = RunFolder.create(folder, build.run_plan(bench, is_live=True, seed=None))
     timeline = TimelineSettings(bench.rig.sensors.gain_V_cm, config.duration_s, False)
-    if kind == "thread":
-        yield QueuedRecorder(open_record(run, timeline)).start()
-        return
     with ProcessRecorder() as recorder:
         recorder.open(run, partial(open_record, run, timeline))
         yield recorder
