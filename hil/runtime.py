@@ -11,13 +11,11 @@ from typing import Protocol
 
 from hil.core.types import Timing
 from hil.edge.bus import BusPort
+from hil.edge.clock import AWAKE_NS
 from hil.loop import ControlLoop, Outcome
 
 STALL_NS = 10_000_000
 """A step that begins later than this first takes in the frames that have piled up, or they would count as too old."""
-
-EARLY_NS = 150_000
-"""So long before a deadline, or an eighth of the period, no more frames are waited for."""
 
 DOWN_POLL_S = 0.005
 """A bus that is down returns at once; look again after this long."""
@@ -49,7 +47,7 @@ def run(
     than the rest of the period.
     """
     period_ns = round(period_s * 1e9)
-    early_ns = min(EARLY_NS, period_ns // 8)
+    early_ns = min(AWAKE_NS, period_ns // 8)
     skipped = 0
     deadline_ns = clock.now_ns() + period_ns
     try:
