@@ -71,6 +71,7 @@ class ControlLoop:
     """Holds the controller's state between steps. One thread calls it.
 
     true_level_cm : the emulator's levels for the record, where they can be known. on_tick : watches every step.
+    clock_ns : tells when a command has gone out; without it, it went out at the step's own time.
     """
 
     def __init__(
@@ -85,6 +86,7 @@ class ControlLoop:
         clear_trip: bool = False,
         true_level_cm: Callable[[], Quad] | None = None,
         on_tick: Callable[[Inputs, Output, Mode], None] | None = None,
+        clock_ns: Callable[[], int] | None = None,
     ) -> None:
         self._config = config
         self._sender = CommandSender(contract)
@@ -95,6 +97,7 @@ class ControlLoop:
         self._clear_trip = clear_trip
         self._true_level_cm = true_level_cm
         self._on_tick = on_tick
+        self._clock_ns = clock_ns
         self._state = ControllerState()
         self._waiting_since_ns: int | None = None
         self._ending_since_ns: int | None = None
@@ -164,7 +167,8 @@ class ControlLoop:
 
     def _send(self, data: bytes, now_ns: int) -> None:
         if self._port.send(self._sender.frame_id, data, now_ns * 1e-9):
-            self._recorder.frame(now_ns * 1e-9, self._sender.frame_id, data, False)
+            sent_ns = self._clock_ns() if self._clock_ns is not None else now_ns
+            self._recorder.frame(sent_ns * 1e-9, self._sender.frame_id, data, False)
 
     def _record(self, output: Output) -> None:
         if output.record is not None:

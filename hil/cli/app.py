@@ -135,8 +135,16 @@ def run(
     config: ConfigDir = None,
     rerun: RerunChoice = True,
     report: ReportChoice = True,
+    realtime: Annotated[
+        bool, typer.Option("--realtime", help="SCHED_FIFO, memory locked, no live table; what is refused is said.")
+    ] = False,
+    priority: Annotated[Optional[int], typer.Option(metavar="1..99", help="Of SCHED_FIFO. Default: 80.")] = None,
+    cpu: Annotated[Optional[int], typer.Option(metavar="N", help="Stay on this processor. Default: any.")] = None,
 ) -> None:
     """Run a scenario in real time on a CAN bus: the rig's, or the emulator's (firmware-sim). Moves pumps."""
+    from hil.edge.realtime import wish
+
+    wanted = wish(realtime, priority, cpu)  # before numpy is loaded: it may be told to start no threads
     from hil.cli import build, experiment, show
     from hil.edge.bus import BusAddress
 
@@ -144,10 +152,10 @@ def run(
     bus = bench.rig.bus
     address = BusAddress(interface or bus.interface, channel or bus.channel, bitrate or bus.bitrate)
     folder = out or experiment.default_folder(bench.scenario.scenario.name, datetime.now())
-    options = experiment.Options(folder, duration_s=duration, rerun=rerun, clear_trip=clear_trip)
+    options = experiment.Options(folder, duration_s=duration, rerun=rerun, clear_trip=clear_trip, realtime=wanted)
     console = Console()
-    with show.LiveStatus(console) as status:
-        figures, outcome = experiment.run_live(bench, options, address, status.watch)
+    with show.live_status(console, with_table=not realtime) as watch:
+        figures, outcome = experiment.run_live(bench, options, address, watch)
     show.finish(console, folder, figures, with_report=report)
     raise typer.Exit(SIGNAL_EXIT_CODES.get(outcome.reason.partition(";")[0], EXIT_CODES[outcome.status]))
 

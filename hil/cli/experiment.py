@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 
 from firmware_sim import settings as emulator_settings
@@ -14,12 +16,16 @@ from firmware_sim.ports import BusPort as EmulatorPort
 from firmware_sim.rig import Rig as Emulator
 from hil import lockstep, runtime
 from hil.cli.build import Bench, controller_config, run_plan
+from hil.cli.record import TimelineSettings, open_record
 from hil.core.controller import ControllerConfig, Output
 from hil.core.types import Event, Inputs, Mode, Quad, Severity
+from hil.edge import realtime
 from hil.edge.bus import BusAddress, BusPort
 from hil.edge.clock import MonotonicClock, StopSignal
 from hil.edge.pair_bus import pair
-from hil.edge.recorder import QueuedRecorder, Recorder
+from hil.edge.realtime import RealTime
+from hil.edge.recorder import Recorder
+from hil.edge.recorder_process import ProcessRecorder
 from hil.edge.run_folder import RunFolder
 from hil.loop import ControlLoop, Outcome
 from hil.review import kpi
@@ -29,13 +35,17 @@ Watcher = Callable[[Inputs, Output, Mode], None]
 
 @dataclass(frozen=True)
 class Options:
-    """How to run, whatever the scenario says. seed : of the emulator's noise. rerun : whether to write run.rrd."""
+    """How to run, whatever the scenario says.
+
+    seed : of the emulator's noise. rerun : whether to write run.rrd. realtime : what to ask of the system, live.
+    """
 
     out: Path
     seed: int = 1
     duration_s: float | None = None
     rerun: bool = True
     clear_trip: bool = False
+    realtime: RealTime | None = None
 
 
 def default_folder(name: str, now: datetime) -> Path:
@@ -51,8 +61,9 @@ def simulate(bench: Bench, options: Options, on_progress: Callable[[int], None] 
     folder = RunFolder.create(options.out, run_plan(bench, is_live=False, seed=options.seed))
     with ExitStack() as stack:
         ours, theirs = (stack.enter_context(end) for end in pair())
+        timeline = _timeline(bench, config, options, with_truth=True)
         port = BusPort(ours)
-        record = stack.enter_context(_Record(_recorder(folder, bench, config, options, with_truth=True), port))
+        record = stack.enter_context(_Record(open_record(folder, timeline), port))
         loop = _loop(bench, config, options, port, record.recorder, true_level_cm=lambda: emulator.levels_cm)
         record.outcome = lockstep.run(loop, port, EmulatorPort(emulator, theirs), config.loop.period_s, on_progress)
     return kpi.compute(folder)
@@ -65,15 +76,18 @@ def run_live(
     config = controller_config(bench, options.duration_s)
     clock = MonotonicClock()
     with ExitStack() as stack:
+        recorder = stack.enter_context(ProcessRecorder())
         port = BusPort(address.open(bench.contract.ids))
         stack.callback(port.close)
         folder = RunFolder.create(options.out, run_plan(bench, is_live=True, seed=None))
-        recorder = QueuedRecorder(_recorder(folder, bench, config, options, with_truth=False)).start()
+        timeline = _timeline(bench, config, options, with_truth=False)
+        recorder.open(folder, partial(open_record, folder, timeline, options.realtime is not None))
         record = stack.enter_context(_Record(recorder, port))
-        loop = _loop(bench, config, options, port, recorder, on_tick=on_tick)
+        loop = _loop(bench, config, options, port, recorder, on_tick=on_tick, clock_ns=clock.now_ns)
         stop = stack.enter_context(StopSignal())
+        asked = [] if options.realtime is None else [_real_time(stack, options.realtime, recorder)]
         record.outcome = runtime.run(
-            loop, port, clock, config.loop.period_s, lambda: stop.received.name if stop.received else ""
+            loop, port, clock, config.loop.period_s, lambda: stop.received.name if stop.received else "", *asked
         )
     return kpi.compute(folder), record.outcome
 
@@ -81,7 +95,7 @@ def run_live(
 class _Record:
     """Closes a recorder whatever happens, with how the run ended and what became of its commands as the last event."""
 
-    def __init__(self, recorder: Recorder | QueuedRecorder, port: BusPort) -> None:
+    def __init__(self, recorder: Recorder | ProcessRecorder, port: BusPort) -> None:
         self.recorder = recorder
         self._port = port
         self.outcome: Outcome | None = None
@@ -117,10 +131,11 @@ def _loop(
     config: ControllerConfig,
     options: Options,
     port: BusPort,
-    recorder: Recorder | QueuedRecorder,
+    recorder: Recorder | ProcessRecorder,
     *,
     true_level_cm: Callable[[], Quad] | None = None,
     on_tick: Watcher | None = None,
+    clock_ns: Callable[[], int] | None = None,
 ) -> ControlLoop:
     return ControlLoop(
         config,
@@ -132,27 +147,19 @@ def _loop(
         clear_trip=options.clear_trip,
         true_level_cm=true_level_cm,
         on_tick=on_tick,
+        clock_ns=clock_ns,
     )
 
 
-def _recorder(
-    folder: RunFolder, bench: Bench, config: ControllerConfig, options: Options, *, with_truth: bool
-) -> Recorder:
-    if not options.rerun:
-        return Recorder.open(folder)
-    from hil.edge.rerun_log import RerunLog, RunCard
-    from hil.review.blueprint import blueprint
+def _timeline(bench: Bench, config: ControllerConfig, options: Options, *, with_truth: bool) -> TimelineSettings | None:
+    """What run.rrd needs, if it is wanted."""
+    return TimelineSettings(bench.rig.sensors.gain_V_cm, config.duration_s, with_truth) if options.rerun else None
 
-    manifest = folder.manifest()
-    facts = {"scenario": manifest.plan.scenario, "mode": manifest.plan.mode, "started": manifest.started_utc}
-    text = "\n".join(f"- **{name}**: {value}" for name, value in facts.items())
-    card = RunCard(folder.path.name, facts, f"# {manifest.plan.scenario}\n\n{text}\n")
-    timeline = RerunLog(
-        folder.rrd_path,
-        card,
-        level_gain_V_cm=bench.rig.sensors.gain_V_cm,
-        with_truth=with_truth,
-        blueprint=blueprint(config.duration_s),
-        compact_at_close=not with_truth,
-    )
-    return Recorder.open(folder, timeline=timeline)
+
+def _real_time(stack: ExitStack, wanted: RealTime, recorder: ProcessRecorder) -> Callable[[], None]:
+    """What the system grants of it, for this thread; what it doesn't is in the record and on the terminal."""
+    granted = stack.enter_context(realtime.granted(wanted))
+    for refusal in granted.refusals:
+        sys.stderr.write(f"hil: {refusal}\n")
+        recorder.event(0.0, Event(Severity.WARNING, "realtime", refusal))
+    return granted.housekeeping

@@ -90,6 +90,16 @@ class LiveStatus:
             live.update(status_table(*self._latest), refresh=True)
 
 
+@contextmanager
+def live_status(console: Console, *, with_table: bool) -> Iterator[Callable[[Inputs, Output, Mode], None] | None]:
+    """What to call at each step; None in real time, where no other thread may hold up the loop's."""
+    if not with_table:
+        yield None
+        return
+    with LiveStatus(console) as status:
+        yield status.watch
+
+
 def status_table(inputs: Inputs, output: Output, mode: Mode) -> Table:
     """The bench at one step."""
     record = output.record

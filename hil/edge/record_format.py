@@ -1,4 +1,10 @@
-"""How a run is written down: the columns of ticks.csv, the lines of can.log and events.jsonl."""
+"""How a run is written down: the columns of ticks.csv, the lines of can.log and events.jsonl.
+
+What a run can't know is an empty cell: true levels live, and in lockstep how the loop kept time.
+
+    latency_s        from the arrival of the newest frame that a step could use to the moment its command was sent
+    recorder_queue   entries of the record that were on their way to the files when the step ended
+"""
 
 from __future__ import annotations
 
@@ -18,6 +24,7 @@ def _numbered(name: str, count: int) -> tuple[str, ...]:
 
 
 TRUTH_COLUMNS = _numbered("true_h{}_cm", 4)
+TIMING_COLUMNS = ("latency_s", "recorder_queue")
 COLUMNS = (
     "t_s", "mode",
     *_numbered("h{}_V", 4), *_numbered("h{}_est_V", 4),
@@ -27,10 +34,11 @@ COLUMNS = (
     *_numbered("theta{}", 2), *_numbered("q{}_Vs", 2),
     *_numbered("K1{}", 6), *_numbered("K2{}", 6), *_numbered("iae{}_Vs", 2),
     "levels_age_s", "status_age_s", "lateness_s", "skipped", "accepted", "rejected",
-    *TRUTH_COLUMNS,
+    *TRUTH_COLUMNS, *TIMING_COLUMNS,
 )  # fmt: skip
-N_TRUTH = len(TRUTH_COLUMNS)
-_INTEGERS = frozenset({"mode", "skipped", "accepted", "rejected"})
+_N_TRUTH, _N_TIMING = len(TRUTH_COLUMNS), len(TIMING_COLUMNS)
+_N_STEP = len(COLUMNS) - _N_TRUTH - _N_TIMING
+_INTEGERS = frozenset({"mode", "skipped", "accepted", "rejected", "recorder_queue"})
 _NINE_DIGITS = frozenset({"t_s", *_numbered("h{}_V", 4), *_numbered("h{}_est_V", 4), *TRUTH_COLUMNS})
 
 
@@ -38,13 +46,19 @@ def _number_format(column: str) -> str:
     return "%d" if column in _INTEGERS else "%.9g" if column in _NINE_DIGITS else "%.6g"
 
 
-KNOWN_LINE = ",".join(_number_format(column) for column in COLUMNS) + "\n"
-UNKNOWN_LINE = ",".join(_number_format(column) for column in COLUMNS[:-N_TRUTH]) + "," * N_TRUTH + "\n"
+def _formats(columns: tuple[str, ...]) -> str:
+    return ",".join(_number_format(column) for column in columns)
+
+
+_LOCKSTEP_LINE = _formats(COLUMNS[:-_N_TIMING]) + "," * _N_TIMING + "\n"
+_LIVE_LINE = _formats(COLUMNS[:_N_STEP]) + "," * _N_TRUTH + "," + _formats(TIMING_COLUMNS) + "\n"
 
 Row = tuple[float, ...]
 
 
-def tick_row(record: TickRecord, true_level_cm: Quad | None = None) -> Row:
+def tick_row(
+    record: TickRecord, true_level_cm: Quad | None = None, latency_s: float = math.nan, queue: float = math.nan
+) -> Row:
     """The step as a flat row in the order of COLUMNS."""
     return (
         record.t_s, record.mode,
@@ -52,8 +66,15 @@ def tick_row(record: TickRecord, true_level_cm: Quad | None = None) -> Row:
         *record.operating_V, *record.raw_V, *record.command_V, *record.applied_V,
         *record.effectiveness, *record.integral_Vs, *record.gain, *record.iae_Vs,
         record.levels_age_s, record.status_age_s, record.lateness_s, record.skipped, record.accepted, record.rejected,
-        *(true_level_cm or _NO_LEVELS),
+        *(true_level_cm or _NO_LEVELS), latency_s, queue,
     )  # fmt: skip
+
+
+def tick_line(row: Row, is_live: bool) -> str:
+    """The row as a line of ticks.csv, without what this kind of run can't know."""
+    if is_live:
+        return _LIVE_LINE % (*row[:_N_STEP], *row[-_N_TIMING:])
+    return _LOCKSTEP_LINE % row[:-_N_TIMING]
 
 
 def frame_line(timestamp_s: float, channel: str, message: can.Message) -> str:

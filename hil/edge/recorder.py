@@ -1,18 +1,17 @@
 """The recorder: what the control loop hands its steps, frames and events to.
 
 `Recorder` writes at once, in the caller's thread: for lockstep, where two runs with the same seed must give the same
-bytes. `QueuedRecorder` puts a bounded queue and one writer thread in front of it: for a live run, where nothing may
-hold up the loop. Both have the same methods. A file that fails (a full disk, a lost mount) is given up and the others
+bytes. For a live run, where nothing may hold up the loop, `hil.edge.recorder_process` puts it into a process of its
+own. Both have the same methods. A file that fails (a full disk, a lost mount) is given up and the others
 go on; no error of theirs reaches the loop. `health()` says so at once, and `events.jsonl` and `run.json` keep it.
 """
 
 from __future__ import annotations
 
-import threading
-from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from math import nan
 from typing import Protocol, TextIO
 
 import can
@@ -20,12 +19,10 @@ import can
 from hil.core.types import Event, Quad, Severity, TickRecord
 from hil.edge.record_format import (
     COLUMNS,
-    KNOWN_LINE,
-    N_TRUTH,
-    UNKNOWN_LINE,
     Row,
     event_line,
     frame_line,
+    tick_line,
     tick_row,
 )
 from hil.edge.run_folder import RunFolder, RunFolderError, Status
@@ -110,33 +107,53 @@ class Recorder:
         events: TextIO,
         channel: str = "can0",
         timeline: Timeline | None = None,
+        on_event: Callable[[Event], None] | None = None,
     ) -> None:
+        """on_event : is told of every event, must not block."""
+        self._on_event = on_event
         self._folder = folder
         self._channel = channel
         self._errors: tuple[str, ...] = ()
         self._timeline = timeline
         self._t_s = 0.0
+        self._received_s = self._latency_s = nan
         self._is_closed = False
         self._ticks = _Sink(folder.ticks_path.name, ticks, self.note_failure)
         self._frames = _Sink(folder.can_log_path.name, frames, self.note_failure)
         self._events = _Sink(folder.events_path.name, events, self.note_failure)
         self._ticks.write(",".join(COLUMNS) + "\n")
+        self._ticks.flush()  # a table from the first moment on, even if this process dies in the next
 
     @classmethod
-    def open(cls, folder: RunFolder, *, channel: str = "can0", timeline: Timeline | None = None) -> Recorder:
+    def open(
+        cls,
+        folder: RunFolder,
+        *,
+        channel: str = "can0",
+        timeline: Timeline | None = None,
+        on_event: Callable[[Event], None] | None = None,
+    ) -> Recorder:
         """A recorder into the folder's files. channel : the bus's name in can.log. Raises RunFolderError."""
         paths = (folder.ticks_path, folder.can_log_path, folder.events_path)
         try:
             ticks, frames, events = (path.open("x", encoding="utf-8", newline="\n") for path in paths)
         except OSError as error:
             raise RunFolderError(f"cannot open the record in {folder.path}: {error.strerror}") from error
-        return cls(folder, ticks=ticks, frames=frames, events=events, channel=channel, timeline=timeline)
+        return cls(
+            folder, ticks=ticks, frames=frames, events=events, channel=channel, timeline=timeline, on_event=on_event
+        )
 
-    def tick(self, record: TickRecord, true_level_cm: Quad | None = None) -> None:
-        """Write one step and its events. true_level_cm : the emulator's levels, where they are known."""
+    def tick(self, record: TickRecord, true_level_cm: Quad | None = None, queue: int = 0) -> None:
+        """Write one step and its events.
+
+        true_level_cm : the emulator's levels, known in lockstep; a step without them is one of a live run.
+        queue : entries that waited for the recorder.
+        """
         self._t_s = record.t_s
-        row = tick_row(record, true_level_cm)
-        self._ticks.write(UNKNOWN_LINE % row[:-N_TRUTH] if true_level_cm is None else KNOWN_LINE % row)
+        is_live = true_level_cm is None
+        row = tick_row(record, None, self._latency_s, queue) if is_live else tick_row(record, true_level_cm)
+        self._latency_s = nan
+        self._ticks.write(tick_line(row, is_live))
         if self._timeline is not None:
             self._try_timeline(self._timeline.tick, row)
         for event in record.events:
@@ -144,6 +161,10 @@ class Recorder:
 
     def frame(self, timestamp_s: float, arbitration_id: int, data: bytes | bytearray, is_rx: bool = True) -> None:
         """Write one ordinary frame (11-bit id, data); the quick way."""
+        if is_rx:
+            self._received_s = timestamp_s
+        else:
+            self._latency_s = timestamp_s - self._received_s
         self._frames.write(
             f"({timestamp_s:.6f}) {self._channel} {arbitration_id:03X}#{data.hex().upper()} {'R' if is_rx else 'T'}\n"
         )
@@ -158,6 +179,8 @@ class Recorder:
         self._events.flush()
         if self._timeline is not None:
             self._try_timeline(self._timeline.event, t_s, event)
+        if self._on_event is not None:
+            self._on_event(event)
 
     def flush_files(self) -> None:
         """Bring ticks and frames to the operating system."""
@@ -178,16 +201,20 @@ class Recorder:
         """Finish all files and write down how the run ended. A second call does nothing."""
         if self._is_closed:
             return
-        self._is_closed = True
-        if self._timeline is not None:
-            self._try_timeline(self._timeline.close)
-        for sink in (self._ticks, self._frames, self._events):
-            sink.close()
+        self.abandon()
         troubles = {"errors": list(self._errors), "dropped": dropped}
         try:
             self._folder.finish(status, reason, speed_x=speed_x, recorder=troubles)
         except (OSError, RunFolderError) as error:
             self._errors += (f"{self._folder.manifest_path.name} keeps the status running: {error}",)
+
+    def abandon(self) -> None:
+        """Finish all files but run.json: the run was interrupted, nobody knows how it ended."""
+        self._is_closed = True
+        if self._timeline is not None:
+            self._try_timeline(self._timeline.close)
+        for sink in (self._ticks, self._frames, self._events):
+            sink.close()
 
     def _try_timeline(self, call: Callable[..., None], *arguments: object) -> None:
         try:
@@ -200,107 +227,3 @@ class Recorder:
         """Note a failure of the record itself: for `health`, run.json and as an event."""
         self._errors += (text,)
         self.event(self._t_s, Event(Severity.ERROR, "recorder_failed", text))
-
-
-class QueuedRecorder:
-    """A `Recorder` behind a bounded queue and a writer thread. No call waits, for a lock or for a disk.
-
-    When the queue is full its oldest entries are dropped and counted. A killed process loses what came within the last
-    `period_s`. Build, `start`, use from one thread, `close`.
-    """
-
-    def __init__(
-        self,
-        recorder: Recorder,
-        *,
-        capacity: int = 50_000,
-        period_s: float = 0.1,
-        flushes_per_timeline: int = 2,
-    ) -> None:
-        self._recorder = recorder
-        self._queue: deque[tuple[Callable[..., None], tuple[object, ...]]] = deque(maxlen=capacity)
-        self._put = self._taken = 0  # put by the loop's thread only, taken by the writer's only
-        self._period_s, self._flushes_per_timeline = period_s, flushes_per_timeline
-        self._rounds = 0
-        self._t_s = 0.0
-        self._failure: tuple[str, ...] = ()
-        self._has_noted_drop = self._has_failed_entry = False
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
-
-    def start(self) -> QueuedRecorder:
-        """Start the writer thread."""
-        self._thread.start()
-        return self
-
-    def tick(self, record: TickRecord, true_level_cm: Quad | None = None) -> None:
-        """Queue one step."""
-        self._t_s = record.t_s
-        self._append(self._recorder.tick, record, true_level_cm)
-
-    def frame(self, timestamp_s: float, arbitration_id: int, data: bytes | bytearray, is_rx: bool = True) -> None:
-        """Queue one ordinary frame; `data` must not change afterwards."""
-        self._append(self._recorder.frame, timestamp_s, arbitration_id, data, is_rx)
-
-    def message(self, timestamp_s: float, message: can.Message) -> None:
-        """Queue any python-can message."""
-        self._append(self._recorder.message, timestamp_s, message)
-
-    def event(self, t_s: float, event: Event) -> None:
-        """Queue one event."""
-        self._append(self._recorder.event, t_s, event)
-
-    def health(self) -> RecorderHealth:
-        """What has failed, was dropped, and waits."""
-        return RecorderHealth(self._recorder.health().errors + self._failure, self._dropped(), len(self._queue))
-
-    def drain(self) -> None:
-        """Write what is queued. The writer thread's work; call it only when that thread does not run."""
-        for _ in range(len(self._queue)):
-            try:
-                call, arguments = self._queue.popleft()
-            except IndexError:
-                break
-            self._taken += 1
-            self._call_safely(call, arguments)
-        dropped = self._dropped()
-        if dropped > 0 and not self._has_noted_drop:
-            self._has_noted_drop = True
-            text = f"the record has gaps: the queue was full, {dropped} entries dropped so far"
-            self._recorder.event(self._t_s, Event(Severity.WARNING, "record_dropped", text, {"dropped": dropped}))
-        self._rounds += 1
-        if self._rounds % self._flushes_per_timeline == 0:
-            self._recorder.flush()
-        else:
-            self._recorder.flush_files()
-
-    def close(self, status: Status, reason: str, *, speed_x: float | None = None, timeout_s: float = 10.0) -> None:
-        """Write out the queue and finish. Waits for the writer at most `timeout_s`; a stuck one is left behind."""
-        self._stop.set()
-        if self._thread.ident is not None:
-            self._thread.join(timeout_s)
-        if self._thread.is_alive():
-            self._failure += (f"the writer was stuck for {timeout_s:g} s and is left behind",)
-            return
-        self.drain()
-        self._recorder.close(status, reason, speed_x=speed_x, dropped=self._dropped())
-
-    def _append(self, call: Callable[..., None], *arguments: object) -> None:
-        self._queue.append((call, arguments))
-        self._put += 1
-
-    def _dropped(self) -> int:
-        put = self._put  # read first: what comes in between may hide a drop for a moment, never invent one
-        return max(0, put - self._taken - len(self._queue))
-
-    def _work(self) -> None:
-        while not self._stop.wait(self._period_s):
-            self.drain()
-
-    def _call_safely(self, call: Callable[..., None], arguments: tuple[object, ...]) -> None:
-        try:
-            call(*arguments)
-        except Exception as error:  # noqa: BLE001 - one entry that cannot be written must not end the thread
-            if not self._has_failed_entry:
-                self._has_failed_entry = True
-                self._recorder.note_failure(f"an entry could not be written: {type(error).__name__}: {error}")

@@ -99,6 +99,9 @@ def series(with_truth: bool) -> tuple[Series, ...]:
     )
     listed += [Series(entity, columns, names, (BLUE, ORANGE), (1.5, 1.5)) for entity, columns, names in pairs]
     listed.append(Series("bench/lateness", ("lateness_s",), ("lateness [s]",), (BLUE,), (1.5,)))
+    if not with_truth:
+        listed.append(Series("bench/latency", ("latency_s",), ("newest frame to command [s]",), (BLUE,), (1.5,)))
+        listed.append(Series("bench/recorder_queue", ("recorder_queue",), ("entries waiting",), (BLUE,), (1.5,)))
     listed.append(Series("bench/accepted", ("accepted",), ("frames accepted",), (BLUE,), (1.5,)))
     listed.append(Series("bench/mode", ("mode",), ("mode, as its number",), (WHITE,), (1.5,)))
     return tuple(listed)

@@ -28,6 +28,9 @@ RESERVOIR_LOW = "reservoir_low"
 DRY_RUN_S = 2.0
 """How long pumps may go on after the reservoir has run low."""
 
+LATENESS_QUANTILES = {"p50": 0.5, "p99": 0.99, "p99_9": 0.999, "max": 1.0}
+LATENCY_QUANTILES = {"p50": 0.5, "p99": 0.99, "max": 1.0}
+
 RANGE_TOLERANCE_V = 1e-4
 HEIGHT_TOLERANCE_CM = 1e-6
 
@@ -39,7 +42,8 @@ class Kpi:
     iae_Vs : window -> outputs 1, 2, of the reference asked for against the level. iae_covered_s : how much of the
     window the record covers. ticks : steps in control, arming and ramp left out. commands : how many were sent, how
     many of them the pump node did not accept, how many frames were lost. lateness_s : quantiles of how late the steps
-    began.
+    began. latency_s : quantiles of the time from the arrival of the newest frame that a step could use to the sending
+    of its command. recorder_queue_max : most entries that waited for the recorder.
 
     alarms : one entry a fault that was spoken of, see `hil.review.alarms.Finding`. false_alarms : those before anything
     was wrong, spurious_alarms : those that speak of no fault of the scenario; None where its faults are not known.
@@ -71,6 +75,8 @@ class Kpi:
     rejected: int
     commands: dict[str, Any]
     lateness_s: dict[str, Finite]
+    latency_s: dict[str, Finite]
+    recorder_queue_max: Finite
     recorder: dict[str, Any]
     speed_x: float | None
 
@@ -123,7 +129,9 @@ def evaluate(manifest: Manifest, ticks: Ticks, events: Sequence[LoggedEvent], sp
         skipped=int(_last(ticks["skipped"])),
         rejected=int(_last(ticks["rejected"])),
         commands=next((dict(event.data) for event in events if event.code == "end"), {}),
-        lateness_s=_quantiles(ticks["lateness_s"]),
+        lateness_s=_quantiles(ticks["lateness_s"], LATENESS_QUANTILES),
+        latency_s=_quantiles(ticks.get("latency_s"), LATENCY_QUANTILES),
+        recorder_queue_max=_peak(ticks.get("recorder_queue")),
         recorder=dict(manifest.recorder),
         speed_x=manifest.speed_x if speed_x is None else speed_x,
     )
@@ -236,11 +244,11 @@ def _last(values: Floats) -> float:
     return float(values[-1]) if len(values) and math.isfinite(values[-1]) else 0.0
 
 
-def _quantiles(values: Floats) -> dict[str, Finite]:
+def _quantiles(values: Floats, wanted: Mapping[str, float]) -> dict[str, Finite]:
     finite = values[np.isfinite(values)]
     if not len(finite):
-        return {"p50": None, "p99": None, "max": None}
-    return {"p50": float(np.quantile(finite, 0.5)), "p99": float(np.quantile(finite, 0.99)), "max": float(finite.max())}
+        return dict.fromkeys(wanted)
+    return {name: float(np.quantile(finite, share)) for name, share in wanted.items()}
 
 
 def _pick(data: Mapping[str, Any], *keys: str) -> dict[str, Any]:

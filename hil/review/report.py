@@ -106,6 +106,7 @@ def _cards(kpi: Kpi, *, is_live: bool) -> str:
         ("largest applied voltage", f"{_number(_largest(kpi.applied_max_V), 3)} V"),
         ("highest level", f"{_number(_largest(kpi.level_max_cm), 4)} cm"),
         ("lateness, 99 % of steps", _milliseconds(kpi.lateness_s["p99"]) if is_live else "none, simulated"),
+        *([("frame to command, 99 % of steps", _milliseconds(kpi.latency_s["p99"]))] if is_live else []),
         ("alarms, trips", f"{len(kpi.alarms)}, {len(kpi.trips)}"),
     ]
     if kpi.false_alarms is not None and kpi.spurious_alarms is not None:

@@ -29,6 +29,10 @@ class Ticks:
     def __getitem__(self, column: str) -> Floats:
         return self.columns[column]
 
+    def get(self, column: str) -> Floats:
+        """A column, (n,); all NaN where the record is older than the column."""
+        return self.columns.get(column, np.full(len(self), np.nan))
+
     def stack(self, *columns: str) -> Floats:
         """Several columns side by side, (n, len(columns))."""
         return np.column_stack([self.columns[column] for column in columns])

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from itertools import islice
 
 from hil.core.types import Command, Pair
 from hil.wire.contract import Contract
 
-LONGEST_MEMORY = 15
-"""A 4-bit echo tells no more commands apart."""
+TOLD_APART = 15
+"""A 4-bit echo alone tells no more commands apart; with the count of accepted ones it does."""
+
+LONGEST_MEMORY = 1024
+"""Commands that may wait for their echo: half a second of it trips, at any control period."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +66,7 @@ class CommandSender:
         """
         if self._base is None and accepted == 0:
             return None  # a node that has accepted nothing since its boot echoes nothing
-        match = next((sent for sent in self._pending if sent.counter == counter), None)
+        match = self._match(counter, accepted)
         if match is None:
             return self._echoed if self._echoed is not None and self._echoed.counter == counter else None
         while self._pending and self._pending[0].number <= match.number:
@@ -74,6 +78,20 @@ class CommandSender:
                 self.lost += missing
         self._base = match.number, accepted
         return match
+
+    def _match(self, counter: int, accepted: int) -> Sent | None:
+        """The command that an echo names: where none was lost, as many after the last one as were accepted since."""
+        pending = self._pending
+        if self._base is not None and pending:
+            number, count = self._base
+            gained = (accepted - count) % 256
+            if gained == 0:
+                return None
+            index = number + gained - pending[0].number
+            if index < len(pending) and pending[index].counter == counter:
+                return pending[index]
+        newest = islice(pending, max(len(pending) - TOLD_APART, 0), None)
+        return next((sent for sent in newest if sent.counter == counter), None)
 
     def unechoed_s(self, now_ns: int) -> float:
         """How long the oldest unsettled command has been waiting; 0 when there is none."""

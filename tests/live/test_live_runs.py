@@ -1,7 +1,10 @@
 """Whole runs in real time over slcan, by TCP and by pseudo-terminal, and the record that they leave."""
 
 import json
+import os
+import signal
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -114,6 +117,46 @@ def test_a_run_over_a_pseudo_terminal_is_no_different(tmp_path):
         assert kpi["ticks"] == pytest.approx(30, abs=2)
         last = rig.pump()[-1]
         assert (last["state"], last["applied_V"]) == ("ready", [0.0, 0.0])
+
+
+def test_a_run_in_real_time_completes_with_whatever_is_granted(tmp_path):
+    """Where the tests may not use SCHED_FIFO, the refusal is said and recorded, and the run goes on."""
+    scenario = write_scenario(tmp_path, duration=3.0)
+    with (
+        emulator(tmp_path / "node.jsonl", scenario=scenario) as rig,
+        controller(scenario, rig.channel, tmp_path / "run", "--realtime", *PLAIN) as run,
+    ):
+        assert run.wait(40.0) == 0, (run.out, run.err)
+    _, events = read(RunFolder.open(run.folder))
+    refused = [event.text for event in events if event.code == "realtime"]
+    assert run.err.splitlines() == [f"hil: {text}" for text in refused]
+    assert "READY -> RUNNING" in run.out, "events are lines"
+    kpi = run.json("kpi.json")
+    assert set(kpi["lateness_s"]) == {"p50", "p99", "p99_9", "max"}
+    assert 0.0 < kpi["latency_s"]["p50"] <= kpi["latency_s"]["max"] < 2 * PERIOD_S
+    assert kpi["recorder_queue_max"] < 1000
+
+
+def test_a_recorder_that_is_killed_does_not_stop_the_run(tmp_path):
+    scenario = write_scenario(tmp_path, duration=5.0)
+    with (
+        emulator(tmp_path / "node.jsonl", scenario=scenario) as rig,
+        controller(scenario, rig.channel, tmp_path / "run", *PLAIN) as run,
+    ):
+        rig.wait_until_it_runs(changes=15)
+        recorder = Path(f"/proc/{run.process.pid}/task/{run.process.pid}/children").read_text()
+        os.kill(int(recorder), signal.SIGKILL)
+        assert run.wait(40.0) == 0, (run.out, run.err)
+        last = rig.pump()[-1]
+    assert (last["state"], last["applied_V"], last["cause"]) == ("ready", [0.0, 0.0], "disabled")
+    assert rig.pump()[-1]["t_s"] > 4.0
+    manifest = run.json("run.json")
+    assert manifest["status"] == "complete"
+    assert "the recorder is lost" in manifest["recorder"]["errors"][0]
+    ticks, events = read(RunFolder.open(run.folder))
+    assert events[-1].code == "recorder_lost"
+    assert 1.0 < ticks["t_s"][-1] <= events[-1].t_s, "what it had written is there"
+    assert hil("report", run.folder).returncode == 0
 
 
 def test_a_node_built_for_another_dbc_is_never_armed(tmp_path):

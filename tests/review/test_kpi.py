@@ -15,6 +15,7 @@ from hil.core.types import Alarm, Event, Severity
 from hil.edge.recorder import Recorder
 from hil.edge.run_folder import RunFolder, RunFolderError, Window
 from hil.review.kpi import Kpi, absolute_error_integral, compute
+from hil.review.report import write_report
 
 KEYS = {"false_alarms", "spurious_alarms", "overflow", "dry_run", "applied_out_of_range", "iae_after_fault_Vs"} | {
     "iae_Vs",
@@ -211,3 +212,35 @@ def test_what_only_the_emulator_knows_is_not_made_up_for_a_live_run(tmp_path: Pa
     kpi = compute(toy.record_run(tmp_path / "run", live=True, until_s=30.0))
     assert (kpi.false_alarms, kpi.spurious_alarms, kpi.dry_run, kpi.iae_after_fault_Vs) == (None, None, None, None)
     assert (kpi.overflow, kpi.applied_out_of_range) == (False, False)
+
+
+def test_how_a_live_loop_kept_time_is_in_the_figures(tmp_path: Path) -> None:
+    """A thousand steps, one of them late; the command follows the newest frame by 1 ms, by 9 ms in the last ten."""
+    folder = RunFolder.create(tmp_path / "run", toy.plan(mode="live"))
+    recorder = Recorder.open(folder)
+    for index, (record, _) in enumerate(toy.steps(until_s=100.0)):
+        t_s = 50.0 + record.t_s
+        recorder.frame(t_s - 0.02, 0x182, b"")
+        recorder.frame(t_s, 0x282, b"")
+        recorder.frame(t_s + (0.009 if index >= 990 else 0.001), 0x201, b"", False)
+        recorder.tick(replace(record, lateness_s=0.03 if index == 500 else 2e-6), queue=index % 7)
+    recorder.close("complete", "")
+    kpi = compute(folder)
+    assert kpi.lateness_s == {"p50": 2e-6, "p99": 2e-6, "p99_9": pytest.approx(2e-6, rel=20.0), "max": 0.03}
+    assert kpi.latency_s["p50"] == pytest.approx(0.001)
+    assert kpi.latency_s["p99"] == pytest.approx(0.001, rel=0.1)
+    assert kpi.latency_s["max"] == pytest.approx(0.009)
+    assert kpi.recorder_queue_max == 6.0
+
+
+def test_a_record_older_than_a_column_has_figures_without_it(tmp_path: Path) -> None:
+    folder = toy.record_run(tmp_path / "run", live=True, until_s=210.0)
+    lines = folder.ticks_path.read_text().splitlines()
+    folder.ticks_path.write_text("".join(line.rsplit(",", 2)[0] + "\n" for line in lines))
+    assert "latency_s" not in folder.ticks_path.read_text()
+    kpi = compute(folder)
+    assert kpi.latency_s == {"p50": None, "p99": None, "max": None}
+    assert kpi.recorder_queue_max is None
+    assert kpi.lateness_s["p99_9"] > 0.0
+    assert kpi.ticks == 2100
+    write_report(folder)

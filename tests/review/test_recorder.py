@@ -1,11 +1,6 @@
 from __future__ import annotations
 
-import io
 import json
-import os
-import signal
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,26 +8,13 @@ import can
 import numpy as np
 import pytest
 import toy
+from recorder_bench import open_on_a_full_disk
 
 from hil.core.types import Event, Mode, Severity
 from hil.edge.record_format import COLUMNS, event_line, tick_row
-from hil.edge.recorder import QueuedRecorder, Recorder
+from hil.edge.recorder import Recorder
 from hil.edge.run_folder import RunFolder
 from hil.review.ticks import read_events, read_ticks
-
-
-class FullDisk(io.StringIO):
-    """Takes so many characters and then none."""
-
-    def __init__(self, room: int) -> None:
-        super().__init__()
-        self._room = room
-
-    def write(self, text: str) -> int:
-        self._room -= len(text)
-        if self._room < 0:
-            raise OSError(28, "No space left on device")
-        return super().write(text)
 
 
 class BrokenTimeline:
@@ -57,22 +39,6 @@ def test_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
     for name in ("can.log", "ticks.csv", "events.jsonl"):
         assert (first.path / name).read_bytes() == (second.path / name).read_bytes()
     assert first.ticks_path.read_bytes() != other.ticks_path.read_bytes()
-
-
-def test_queued_recorder_writes_the_same_bytes_as_the_direct_one(tmp_path: Path) -> None:
-    folders = [RunFolder.create(tmp_path / name, toy.plan()) for name in ("direct", "queued")]
-    direct, inner = (Recorder.open(folder) for folder in folders)
-    queued = QueuedRecorder(inner, period_s=0.001).start()
-    for recorder in (direct, queued):
-        recorder.event(-0.5, Event(Severity.INFO, "ready", "rig is ready"))
-        for index, (record, truth) in enumerate(toy.steps(until_s=20.0)):
-            for frame in toy.frames(record.t_s, index):
-                recorder.frame(*frame)
-            recorder.tick(record, truth)
-        recorder.close("complete", "")
-    assert queued.health().is_ok
-    for name in ("can.log", "ticks.csv", "events.jsonl"):
-        assert (folders[0].path / name).read_bytes() == (folders[1].path / name).read_bytes()
 
 
 def test_can_log_reads_back_as_it_was_sent(folder: RunFolder) -> None:
@@ -133,10 +99,21 @@ def test_true_levels_are_empty_where_they_are_not_known(folder: RunFolder) -> No
     for record, _ in toy.steps(until_s=1.0):
         recorder.tick(record)
     recorder.close("complete", "")
-    assert folder.ticks_path.read_text().splitlines()[1].endswith(",,,,")
+    assert ",,,,,nan,0" in folder.ticks_path.read_text().splitlines()[1]
     ticks = read_ticks(folder.ticks_path)
     assert not ticks.has_truth
     assert np.isnan(ticks["true_h1_cm"]).all()
+
+
+def test_how_a_loop_kept_time_is_empty_in_lockstep(folder: RunFolder) -> None:
+    recorder = Recorder.open(folder)
+    for record, truth in toy.steps(until_s=1.0):
+        recorder.frame(record.t_s, 0x182, b"")
+        recorder.frame(record.t_s, 0x201, b"", False)
+        recorder.tick(record, truth)
+    recorder.close("complete", "")
+    assert folder.ticks_path.read_text().splitlines()[1].endswith(",,")
+    assert np.isnan(read_ticks(folder.ticks_path)["latency_s"]).all()
 
 
 def test_odd_numbers_before_the_first_measurement_are_recorded(folder: RunFolder) -> None:
@@ -179,33 +156,12 @@ def test_events_are_on_the_disk_as_they_happen(folder: RunFolder) -> None:
     recorder.close("complete", "")
 
 
-def test_full_queue_drops_the_oldest_and_counts_them(folder: RunFolder) -> None:
-    recorder = QueuedRecorder(Recorder.open(folder), capacity=10)
-    for record, _ in toy.steps(until_s=2.5):
-        recorder.tick(record)
-    assert recorder.health().dropped == 15
-    assert recorder.health().waiting == 10
-    assert not recorder.health().is_ok
-    recorder.drain()
-    assert recorder.health().dropped == 15
-    recorder.close("complete", "")
-    np.testing.assert_allclose(read_ticks(folder.ticks_path)["t_s"], np.arange(15, 25) * 0.1)
-    (note,) = [event for event in read_events(folder.events_path) if event.code == "record_dropped"]
-    assert note.data["dropped"] == 15
-    assert folder.manifest().recorder == {"errors": [], "dropped": 15}
-
-
-@pytest.mark.parametrize("is_queued", [False, True])
-def test_full_disk_shows_in_health_and_never_raises_into_the_loop(folder: RunFolder, is_queued: bool) -> None:
-    frames, events = folder.can_log_path.open("w"), folder.events_path.open("w")
-    recorder = Recorder(folder, ticks=FullDisk(room=3000), frames=frames, events=events)
-    user = QueuedRecorder(recorder) if is_queued else recorder
+def test_full_disk_shows_in_health_and_never_raises_into_the_loop(folder: RunFolder) -> None:
+    user = open_on_a_full_disk(folder)
     for index, (record, _) in enumerate(toy.steps(until_s=5.0)):
         for frame in toy.frames(record.t_s, index):
             user.frame(*frame)
         user.tick(record)
-    if isinstance(user, QueuedRecorder):
-        user.drain()
     assert not user.health().is_ok
     assert "ticks.csv is lost" in user.health().errors[0]
     assert "No space left" in user.health().errors[0]
@@ -238,70 +194,8 @@ def test_a_broken_timeline_is_given_up_and_the_files_go_on(folder: RunFolder) ->
     assert len(read_ticks(folder.ticks_path)) == 10
 
 
-def test_an_entry_that_cannot_be_written_shows_in_health_and_the_thread_goes_on(folder: RunFolder) -> None:
-    recorder = QueuedRecorder(Recorder.open(folder), period_s=0.001).start()
-    recorder.frame(0.0, 0x100, None)  # type: ignore[arg-type]
-    recorder.frame(0.0, 0x101, b"")
-    recorder.close("complete", "")
-    assert "AttributeError" in recorder.health().errors[0]
-    assert "AttributeError" in folder.manifest().recorder["errors"][0]
-    assert "101#" in folder.can_log_path.read_text(), "the entries after it are written"
-
-
 def test_closing_twice_is_harmless(folder: RunFolder) -> None:
     recorder = Recorder.open(folder)
     recorder.close("stopped", "first")
     recorder.close("failed", "second")
     assert folder.manifest().reason == "first"
-
-
-KILLED = """
-import os, sys
-from pathlib import Path
-sys.path.insert(0, {tests!r})
-import toy
-from hil.edge.recorder import QueuedRecorder, Recorder
-from hil.edge.rerun_log import RerunLog, RunCard
-from hil.edge.run_folder import RunFolder
-from hil.review.blueprint import blueprint
-folder = RunFolder.create(Path(sys.argv[1]), toy.plan(mode="live"))
-log = RerunLog(folder.rrd_path, RunCard("killed", {{}}, "# run"), level_gain_V_cm=0.5, with_truth=False,
-               blueprint=blueprint())
-recorder = QueuedRecorder(Recorder.open(folder, timeline=log), flushes_per_timeline=1)
-for index, (record, truth) in enumerate(toy.steps(until_s=30.0)):
-    for frame in toy.frames(record.t_s, index):
-        recorder.frame(*frame)
-    recorder.tick(record)
-    if index % 2 == 1 and index < 290:
-        recorder.drain()
-print("ready", flush=True)
-if sys.argv[2] == "exit":
-    os._exit(3)
-sys.stdin.read()
-"""
-
-
-@pytest.mark.filterwarnings("ignore:RRD file has no footer")
-@pytest.mark.parametrize("way", ["exit", "kill"])
-def test_what_was_recorded_before_a_kill_is_readable(tmp_path: Path, way: str) -> None:
-    """Drained every second step for 29 s, then a second of steps that only reached the queue: those are lost."""
-    from rerun.chunk import RrdReader
-
-    script = KILLED.format(tests=str(Path(__file__).parent))
-    command = [sys.executable, "-c", script, str(tmp_path / "run"), way]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == b"ready\n"
-        if way == "kill":
-            os.kill(process.pid, signal.SIGKILL)
-        process.wait()
-    folder = RunFolder.open(tmp_path / "run")
-    assert folder.manifest().outcome == "interrupted"
-    ticks = read_ticks(folder.ticks_path)
-    assert len(ticks) == 290
-    assert [event.code for event in read_events(folder.events_path)] == ["running"]
-    with can.LogReader(folder.can_log_path) as reader:
-        assert len(list(reader)) == 290 * 15
-    chunks = RrdReader(folder.rrd_path).stream().to_chunks()
-    rows = sum(chunk.num_rows for chunk in chunks if chunk.entity_path == "/levels/tank1" and not chunk.is_static)
-    assert rows == 290

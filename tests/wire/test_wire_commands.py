@@ -104,8 +104,42 @@ def test_a_status_of_an_earlier_run_does_not_look_like_lost_commands(accepted_be
     assert sender.lost == 0
 
 
-def test_echo_tells_fifteen_commands_apart_and_forgets_older_ones():
+def test_an_echo_alone_tells_fifteen_commands_apart():
     sender = sender_with(40)
-    assert sender.unechoed_s(4000 * MS) == pytest.approx(1.5)
+    assert sender.unechoed_s(4000 * MS) == pytest.approx(4.0)
     assert sender.echo(25 % 16, 26).number == 25
     assert sender.unechoed_s(4000 * MS) == pytest.approx(1.4)
+
+
+@pytest.mark.parametrize("late", [1, 15, 16, 17, 31, 100])
+def test_a_line_that_was_held_up_loses_nothing(late):
+    """At 100 Hz sixteen commands are sent in 160 ms; the echo of the first was taken for that of the seventeenth, and
+    sixteen commands were called lost."""
+    sender = sender_with(1, 10 * MS)
+    assert sender.echo(0, 1).number == 0
+    for number in range(1, late + 2):
+        sender.encode(go(), number * 10 * MS)
+    assert sender.echo(1, 2).number == 1
+    assert sender.unechoed_s((late + 2) * 10 * MS) == pytest.approx(late * 0.01)
+    assert sender.echo((late + 1) % 16, late + 2).number == late + 1
+    assert (sender.lost, sender.unechoed_s(10**12)) == (0, 0.0)
+
+
+def test_the_age_of_an_unechoed_command_has_no_bound_that_the_period_sets():
+    """At 100 Hz it used to stay at 0.15 s, below what trips."""
+    sender = sender_with(1, 10 * MS)
+    sender.echo(0, 1)
+    for number in range(1, 101):
+        sender.encode(go(), number * 10 * MS)
+        assert sender.echo(0, 1).number == 0
+    assert sender.unechoed_s(1010 * MS) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("lost", [1, 5, 14])
+def test_an_echo_after_lost_commands_counts_them(lost):
+    sender = sender_with(1, 10 * MS)
+    sender.echo(0, 1)
+    for number in range(1, lost + 2):
+        sender.encode(go(), number * 10 * MS)
+    assert sender.echo((lost + 1) % 16, 2).number == lost + 1
+    assert sender.lost == lost

@@ -1,4 +1,4 @@
-"""The command line: `python -m tools.benchmark [--write] [--quick]`."""
+"""The command line: `python -m tools.benchmark [--write] [--quick]`; `tools.benchmark.realtime` has its own."""
 
 from __future__ import annotations
 

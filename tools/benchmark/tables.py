@@ -17,7 +17,6 @@ from tools.benchmark import ROOT
 from tools.benchmark.timing import Effort, yardstick_ms
 
 DOCUMENT = ROOT / "docs/benchmarks.md"
-BEGIN, END = "<!-- figures: begin -->", "<!-- figures: end -->"
 
 
 @dataclass(frozen=True)
@@ -57,18 +56,20 @@ def as_rich(section: Section) -> Table:
     return table
 
 
-def write(sections: list[Section], effort: Effort) -> None:
-    """Replace what stands between the markers of the document."""
-    lines = [BEGIN, "", _circumstances(effort)]
+def write(sections: list[Section], effort: Effort, block: str = "figures") -> None:
+    """Replace what stands between the markers of the block in the document; a block that isn't there is added."""
+    begin, end = f"<!-- {block}: begin -->", f"<!-- {block}: end -->"
+    lines = [begin, "", _circumstances(effort)]
     for section in sections:
         lines += ["", f"## {section.title}", "", section.note, ""]
         lines += [f"| {' | '.join(section.columns)} |", f"|{'---|' * len(section.columns)}"]
         lines += [f"| {' | '.join(row)} |" for row in section.rows]
     text = DOCUMENT.read_text(encoding="utf-8")
-    before, _, rest = text.partition(BEGIN)
-    _, _, after = rest.partition(END)
-    block = "\n".join(lines)
-    DOCUMENT.write_text(f"{before}{block}\n\n{END}{after}", encoding="utf-8")
+    before, is_there, rest = text.partition(begin)
+    _, _, after = rest.partition(end)
+    gap = "" if is_there else "\n"
+    figures = "\n".join(lines)
+    DOCUMENT.write_text(f"{before}{gap}{figures}\n\n{end}{after or chr(10)}", encoding="utf-8")
 
 
 def _circumstances(effort: Effort) -> str:

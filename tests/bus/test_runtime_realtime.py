@@ -1,0 +1,110 @@
+"""Real time for the control loop: granted and given back, or refused with a line that says what is missing."""
+
+import gc
+import os
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from hil.edge import realtime
+from hil.edge.clock import MonotonicClock
+from hil.edge.realtime import STEPS_PER_COLLECTION, RealTime, RealTimeError, wish
+
+UNPRIVILEGED = 65534
+
+
+def may_use_fifo():
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+    except PermissionError:
+        return False
+    os.sched_setscheduler(0, *before)
+    return True
+
+
+needs_fifo = pytest.mark.skipif(not may_use_fifo(), reason="this user may not use SCHED_FIFO (CAP_SYS_NICE)")
+
+
+@pytest.mark.parametrize("priority", [1, 50, 99])
+def test_a_wish_within_range_is_granted_as_it_is(priority):
+    assert wish(True, priority, None) == RealTime(priority, None)
+    assert wish(True, None, min(os.sched_getaffinity(0))) == RealTime(80, min(os.sched_getaffinity(0)))
+    assert wish(False, None, None) is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ((True, 0, None), "--priority 0 is outside 1..99"),
+        ((True, 100, None), "--priority 100 is outside 1..99"),
+        ((True, None, 4096), "--cpu 4096 is not one of this process's processors: "),
+        ((True, None, -1), "--cpu -1 is not one of"),
+        ((False, 80, None), "--priority and --cpu belong to --realtime"),
+        ((False, None, 0), "--priority and --cpu belong to --realtime"),
+    ],
+)
+def test_a_wish_that_no_privilege_makes_possible_is_one_line(arguments, says):
+    with pytest.raises(RealTimeError, match=says):
+        wish(*arguments)
+
+
+@needs_fifo
+def test_what_is_granted_holds_for_this_thread_and_is_given_back():
+    cpu, before = min(os.sched_getaffinity(0)), os.sched_getaffinity(0)
+    seen = []
+    with realtime.granted(RealTime(42, cpu)):
+        assert os.sched_getscheduler(0) == os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+        assert os.sched_getparam(0).sched_priority == 42
+        assert os.sched_getaffinity(0) == {cpu}
+        thread = threading.Thread(target=lambda: seen.append(os.sched_getscheduler(0)))
+        thread.start()
+        thread.join()
+    assert seen == [os.SCHED_OTHER], "what it starts is ordinary"
+    assert os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_OTHER
+    assert os.sched_getaffinity(0) == before
+
+
+def test_what_was_there_at_the_start_is_not_searched_for_garbage_and_the_rest_is():
+    class Knot:
+        def __init__(self):
+            self.me = self
+
+    with realtime.granted(RealTime()) as granted:
+        assert not gc.isenabled()
+        assert gc.get_freeze_count() > 0
+        Knot()
+        for _ in range(STEPS_PER_COLLECTION):
+            granted.housekeeping()
+        assert not [one for one in gc.get_objects() if isinstance(one, Knot)]
+    assert gc.isenabled()
+    assert gc.get_freeze_count() == 0
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="gives privileges up, which only root has")
+def test_without_privileges_each_refusal_names_what_is_missing_and_the_run_goes_on():
+    script = (
+        "import os, resource\n"
+        "from hil.edge import realtime\n"
+        "resource.setrlimit(resource.RLIMIT_MEMLOCK, (65536, 65536))\n"
+        "resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))\n"
+        f"os.setuid({UNPRIVILEGED})\n"
+        "with realtime.granted(realtime.RealTime(80)) as granted:\n"
+        "    print(*granted.refusals, sep='\\n')\n"
+        "    print(os.sched_getscheduler(0) == os.SCHED_OTHER)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    memory, schedule, goes_on = done.stdout.splitlines()
+    assert all(word in memory for word in ("CAP_IPC_LOCK", "RLIMIT_MEMLOCK", "64 kB", "memlock unlimited"))
+    assert all(word in schedule for word in ("CAP_SYS_NICE", "RLIMIT_RTPRIO of 80", "rtprio 80"))
+    assert goes_on == "True"
+
+
+@pytest.mark.parametrize("ahead_ms", [-5, 0, 1, 20])
+def test_the_clock_never_returns_before_a_deadline(ahead_ms):
+    clock = MonotonicClock()
+    deadline_ns = clock.now_ns() + ahead_ms * 1_000_000
+    clock.sleep_until(deadline_ns)
+    assert clock.now_ns() >= deadline_ns

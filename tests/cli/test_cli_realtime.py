@@ -1,0 +1,29 @@
+"""What `hil run --realtime` refuses before anything moves."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HIL = Path(sys.executable).parent / "hil"
+SCENARIO = Path(__file__).resolve().parents[2] / "config/scenarios/steps.toml"
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (("--realtime", "--priority", "0"), "hil: --priority 0 is outside 1..99\n"),
+        (("--realtime", "--priority", "100"), "hil: --priority 100 is outside 1..99\n"),
+        (("--priority", "80"), "hil: --priority and --cpu belong to --realtime\n"),
+        (("--realtime", "--cpu", "4096"), "hil: --cpu 4096 is not one of this process's processors: "),
+    ],
+)
+def test_a_bad_wish_is_one_line_and_makes_no_folder(tmp_path, options, says):
+    out = tmp_path / "run"
+    command = [HIL, "run", SCENARIO, "-i", "virtual", "-c", "x", "--out", out, *options]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60.0)
+    assert done.returncode == 2
+    assert done.stderr.startswith(says)
+    assert done.stderr.count("\n") == 1
+    assert not out.exists()

@@ -1,0 +1,224 @@
+"""`kill -9`, SIGSTOP, SIGTERM and Ctrl-C of the controller in every phase of a run, judged by the node's own record."""
+
+import json
+import signal
+import socket
+import time
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+
+import pytest
+from live_bench import PLAIN, WATCHDOG_S, controller, emulator, wait_for
+
+from hil.core.types import Mode
+from hil.edge.run_folder import RunFolder
+from hil.review.ticks import read
+
+pytestmark = pytest.mark.live
+
+OFF = [0.0, 0.0]
+PERIOD_S = 0.02
+LOST_S = 0.3
+KILL, STOP, TERM, CTRL_C = signal.SIGKILL, signal.SIGSTOP, signal.SIGTERM, signal.SIGINT
+SUDDEN = (KILL, STOP)
+
+STORY = """
+[scenario]
+name = "killed"
+duration_s = 100.0
+[diagnosis]
+method = "ideal"
+[rig]
+safety.arm_timeout_s = 30.0
+safety.stop_ramp_V_s = {ramp_V_s}
+control.period_s = {period_s}
+{more}
+"""
+LOSES_A_PUMP = '[[fault]]\nat_s = 0.5\nkind = "pump_effectiveness"\ntarget = 1\nvalue = 0.7\n'
+TRIPS_AND_WAITS = (
+    '[[fault]]\nat_s = 1.0\nkind = "sensor_open"\ntarget = 1\n[[request]]\nat_s = 90.0\naction = "clear"\n'
+)
+
+
+@dataclass(frozen=True)
+class Phase:
+    """How a run is brought there: what its scenario has, and which event says that it has arrived."""
+
+    mode: Mode
+    more: str = ""
+    ramp_V_s: float = 20.0
+    period_s: float = PERIOD_S
+
+
+PHASES = {
+    "ready": Phase(Mode.READY, period_s=1.0),  # it lasts one step
+    "running": Phase(Mode.RUNNING),
+    "degraded": Phase(Mode.DEGRADED, LOSES_A_PUMP),
+    "stopping": Phase(Mode.STOPPING, ramp_V_s=0.5),
+    "tripped": Phase(Mode.TRIPPED, TRIPS_AND_WAITS),
+}
+
+
+class Killed:
+    """A run that has been brought to a phase, and the rig that it runs on."""
+
+    def __init__(self, run, rig):
+        self.run, self.rig = run, rig
+
+    def events(self):
+        path = self.run.folder / "events.jsonl"
+        return [json.loads(line) for line in path.read_text().split("\n")[:-1]] if path.exists() else []
+
+    def is_in(self, mode):
+        said = [event for event in self.events() if event["code"] in ("mode", "trip")]
+        if not said:
+            return False
+        return mode is Mode.TRIPPED if said[-1]["code"] == "trip" else said[-1]["data"]["mode"] == mode.name
+
+    def send(self, number):
+        """A stopped process is killed in the end, when it can no longer do anything else."""
+        self.run.process.send_signal(number)
+        if number is STOP:
+            time.sleep(WATCHDOG_S + 0.3)
+            self.rig_after_stop = self.rig.pump()
+            self.run.process.kill()
+        return self.run.wait(20.0)
+
+
+@contextmanager
+def brought_to(phase, folder):
+    scenario = folder / "killed.toml"
+    tables = "" if phase.more == "" else phase.more
+    scenario.write_text(STORY.format(ramp_V_s=phase.ramp_V_s, period_s=phase.period_s, more=tables))
+    with (
+        emulator(folder / "node.jsonl", scenario=scenario) as rig,
+        controller(scenario, rig.channel, folder / "run", *PLAIN) as run,
+    ):
+        killed = Killed(run, rig)
+        if phase.mode is Mode.STOPPING:
+            wait_for(lambda: killed.is_in(Mode.RUNNING), timeout_s=40.0)
+            rig.wait_until_it_runs(changes=20)
+            run.process.send_signal(TERM)
+        wait_for(lambda: killed.is_in(phase.mode), timeout_s=40.0)
+        if phase.mode is Mode.RUNNING:
+            rig.wait_until_it_runs(changes=50)
+        yield killed
+
+
+def assert_readable(folder):
+    """The folder can be read, its steps and frames up to 0.3 s before the last command."""
+    run = RunFolder.open(folder)
+    ticks, events = read(run)
+    assert run.manifest().plan.scenario == "killed"
+    assert [event.t_s for event in events] == sorted(event.t_s for event in events)
+    return ticks
+
+
+def assert_off_in_time(pump, *, since_V=0.0):
+    """From the last command that the node applied to its 0 V; then nothing moves."""
+    last = max(i for i, change in enumerate(pump) if max(change["applied_V"]) > since_V)
+    off = next(change for change in pump[last:] if change["applied_V"] == OFF)
+    assert off["t_s"] - pump[last]["t_s"] <= WATCHDOG_S + 2.5 * PERIOD_S
+    assert pump[-1]["applied_V"] == OFF
+    return off
+
+
+@pytest.mark.parametrize("number", [KILL, STOP, TERM, CTRL_C], ids=["kill", "stop", "term", "ctrl_c"])
+@pytest.mark.parametrize("name", PHASES)
+def test_cases_48_to_50_in_every_phase_the_node_is_at_zero_volts_in_time(tmp_path, name, number):
+    phase = PHASES[name]
+    with brought_to(phase, tmp_path) as killed:
+        code = killed.send(number)
+        if number in SUDDEN:
+            time.sleep(WATCHDOG_S)
+        pump = killed.rig.pump()
+        ticks = assert_readable(killed.run.folder)
+        assert code == _exit_code(name, number), (killed.run.out, killed.run.err)
+        if name == "ready":
+            assert not killed.rig.has_ever_applied()
+            return
+        ran_s = _ran_s(pump)
+        if number in SUDDEN:
+            off = assert_off_in_time(pump)
+            assert off["cause"] == ("disabled" if name == "tripped" else "watchdog")
+            if number is STOP:
+                assert killed.rig_after_stop == pump, "0 V while it was stopped, not when it was killed"
+            if name != "tripped":
+                assert ran_s - WATCHDOG_S - ticks["t_s"][-1] <= LOST_S
+            assert killed.run.json("run.json")["status"] == "running"
+            return
+        off = assert_off_in_time(pump, since_V=0.0 if name in ("tripped", "stopping") else 2.0)
+        assert off["cause"] == "disabled"
+        assert killed.run.json("run.json")["status"] == ("tripped" if name == "tripped" else "stopped")
+
+
+def _exit_code(name, number):
+    if number in SUDDEN:
+        return -9
+    if name == "tripped":
+        return 3  # what ended the run is the trip
+    if name == "stopping":
+        return 130  # the second signal interrupts
+    return {TERM: 143, CTRL_C: 130}[number]
+
+
+def _ran_s(pump):
+    """From the first command that ran the pumps to the last change."""
+    first_s = next(change["t_s"] for change in pump if change["cause"] == "command")
+    return pump[-1]["t_s"] - first_s
+
+
+@pytest.mark.parametrize("number", [KILL, STOP, TERM, CTRL_C], ids=["kill", "stop", "term", "ctrl_c"])
+def test_while_it_waits_for_the_rig_it_moves_nothing_and_leaves_a_readable_folder(tmp_path, number):
+    scenario = tmp_path / "killed.toml"
+    scenario.write_text(STORY.format(ramp_V_s=20.0, period_s=PERIOD_S, more=""))
+    with (
+        emulator(tmp_path / "node.jsonl") as rig,
+        controller(scenario, rig.channel, tmp_path / "run", *PLAIN) as run,
+    ):
+        rig.process.send_signal(signal.SIGSTOP)
+        wait_for(lambda: (tmp_path / "run/events.jsonl").exists(), timeout_s=40.0)
+        time.sleep(0.5)
+        killed = Killed(run, rig)
+        code = killed.send(number)
+        assert code == {KILL: -9, STOP: -9, TERM: 143, CTRL_C: 130}[number], (run.out, run.err)
+        assert_readable(run.folder)
+        rig.process.send_signal(signal.SIGCONT)
+        time.sleep(WATCHDOG_S)
+        assert not rig.has_ever_applied()
+
+
+@pytest.mark.parametrize("number", [KILL, STOP, TERM, CTRL_C], ids=["kill", "stop", "term", "ctrl_c"])
+def test_while_it_connects_it_ends_at_once_and_leaves_no_folder(tmp_path, number):
+    """A listener whose backlog is full lets nobody in."""
+    scenario = tmp_path / "killed.toml"
+    scenario.write_text(STORY.format(ramp_V_s=20.0, period_s=PERIOD_S, more=""))
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.listen(0)
+        address = listener.getsockname()
+        guests = [socket.socket() for _ in range(4)]
+        for guest in guests:
+            guest.setblocking(False)
+            with suppress(BlockingIOError):
+                guest.connect(address)
+        with controller(scenario, f"socket://127.0.0.1:{address[1]}", tmp_path / "run", *PLAIN) as run:
+            wait_for(lambda: _is_connecting(address[1]), timeout_s=40.0)
+            started_s = time.monotonic()
+            run.process.send_signal(number)
+            if number is STOP:
+                run.process.kill()
+            code = run.wait(20.0)
+            assert code == {KILL: -9, STOP: -9, TERM: -15, CTRL_C: 130}[number], (run.out, run.err)
+            assert time.monotonic() - started_s < 4.0
+        for guest in guests:
+            guest.close()
+    assert not (tmp_path / "run").exists()
+
+
+def _is_connecting(port, guests=4):
+    """Whether one more than our guests waits to be let in (their requests stay in SYN_SENT, or are in the backlog)."""
+    asking = f":{port:04X}"
+    with open("/proc/net/tcp", encoding="ascii") as table:  # noqa: PTH123 - not a file of ours
+        rows = [line.split() for line in table.readlines()[1:]]
+    return sum(row[2].endswith(asking) and row[3] in ("01", "02") for row in rows) > guests

@@ -1,0 +1,39 @@
+"""`python -m tools.benchmark.realtime [--minutes M] [--only lateness|latency] [--write]`, privileged."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from rich.console import Console
+
+from tools.benchmark.realtime import sections
+from tools.benchmark.tables import DOCUMENT, as_rich, write
+from tools.benchmark.timing import Effort
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line."""
+    parser = argparse.ArgumentParser("python -m tools.benchmark.realtime", description="How well the loop keeps time.")
+    parser.add_argument("--minutes", type=float, default=0.5, help="a period and a peer (default: 0.5; 10 is thorough)")
+    parser.add_argument("--only", choices=("lateness", "latency"), help="one of the two tables")
+    parser.add_argument("--write", action="store_true", help=f"put the figures into docs/{DOCUMENT.name}")
+    options = parser.parse_args(arguments)
+    if not 0.01 <= options.minutes <= 600.0:
+        parser.error(f"--minutes {options.minutes:g} is outside 0.01..600")
+    plan = sections.Plan(options.minutes)
+    console = Console(width=max(Console().width, 150))
+    found = []
+    for name, measure in (("lateness", sections.lateness), ("latency", sections.latency)):
+        if options.only in (None, name):
+            for section in measure(plan):
+                found.append(section)
+                console.print(as_rich(section), section.note, "")
+    if options.write:
+        write(found, Effort(), block="realtime")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
