@@ -1,0 +1,76 @@
+"""The watchdog's trip: by what it is not fed, that it is latched, and what alone clears it. All at 0 V."""
+
+from __future__ import annotations
+
+from hil.conformance.dialogue import Dialogue, Frame, differences
+from hil.core.types import NodeState
+from hil.doctor.observation import STATUS
+from hil.doctor.watchdog import TOLERANCE_S, TRIPPED_BY_WATCHDOG, WATCHDOG_S
+
+READY, TRIPPED = NodeState.READY, NodeState.TRIPPED
+FEED_S = 0.04
+LATCHED_S = 1.0
+
+
+def is_not_fed_by_refused(node: Dialogue) -> str:
+    """Frames with a wrong CRC, an old counter, a wrong length or 10.0002 V don't keep the watchdog from tripping."""
+    node.say(node.valid(enable=True))
+    sent_ns = node.probe.send(node.valid(enable=True).data)
+    body = node.body()
+    bad = (
+        Frame(body + bytes((node.sealed(body).data[-1] ^ 0xFF,))),
+        node.stale(0),
+        node.stale(12),
+        Frame(node.sealed(body).data + b"\0"),
+        node.sealed(node.body((50_001, 0), enable=False)),
+    )
+    number = 0
+    while (node.probe.now_ns - sent_ns) * 1e-9 < WATCHDOG_S - FEED_S:
+        node.probe.listen(FEED_S)
+        node.probe.send(bad[number % len(bad)].data)
+        number += 1
+    node.probe.listen_until(sent_ns + round((WATCHDOG_S + TOLERANCE_S + 2 * node.cycle_s) * 1e9))
+    status = node.probe.listener.observed(sent_ns, node.probe.now_ns).last(STATUS)
+    state = None if status is None else NodeState(int(status.values["State"]))
+    if state is TRIPPED:
+        return ""
+    return f"still in state {state.name.lower() if state is not None else '?'}: refused frames feed its watchdog"
+
+
+def is_latched(node: Dialogue) -> str:
+    """Tripped, it takes and echoes commands, enabled or not, stays tripped at 0 V and keeps the cause."""
+    reply = node.trip()
+    wrong = differences(reply, state=TRIPPED, cause=TRIPPED_BY_WATCHDOG, highest_V=0.0)
+    if wrong:
+        return wrong
+    steps = round(LATCHED_S / 0.1)
+    frames = [node.valid(enable=number % 2 == 0) for number in range(steps)]
+    reply = node.say(*frames, gap_s=0.1)
+    return differences(
+        reply, accepted=steps, echo=node.probe.counter, state=TRIPPED, cause=TRIPPED_BY_WATCHDOG, highest_V=0.0
+    )
+
+
+def clear_must_be_at_rest(node: Dialogue) -> str:
+    """ClearTrip with Enable = 1, or with a voltage on either pump, is taken and clears nothing."""
+    node.trip()
+    for what, frame in (
+        ("Enable = 1", node.valid(enable=True, clear=True)),
+        ("0.2 V on pump 1", node.valid((0.2, 0.0), clear=True)),
+        ("0.2 V on pump 2", node.valid((0.0, 0.2), clear=True)),
+    ):
+        if wrong := differences(node.say(frame), accepted=1, state=TRIPPED, cause=TRIPPED_BY_WATCHDOG, highest_V=0.0):
+            return f"with {what}: {wrong}"
+    return ""
+
+
+def clears(node: Dialogue) -> str:
+    """ClearTrip, Enable = 0, 0 V: ready, no cause, and it stays there without further commands."""
+    node.trip()
+    wrong = differences(node.say(node.valid(clear=True)), accepted=1, state=READY, cause=0, highest_V=0.0)
+    return wrong or differences(node.silence(2 * WATCHDOG_S), accepted=0, state=READY, cause=0, highest_V=0.0)
+
+
+def clear_is_harmless(node: Dialogue) -> str:
+    """ClearTrip without a trip is a command like any other of 0 V."""
+    return differences(node.say(node.valid(clear=True)), accepted=1, state=READY, cause=0, highest_V=0.0)
