@@ -95,6 +95,11 @@ def _complain(what: str) -> int:
     return EXIT_BAD_INPUT
 
 
+def _interrupted(signal_name: str) -> int:
+    _complain(f"stopped by {signal_name}; the pump node was told 0 V")
+    return SIGNAL_EXIT_CODES[signal_name]
+
+
 def _version(value: bool) -> None:
     if value:
         typer.echo(f"hil {__version__}")
@@ -183,7 +188,7 @@ def doctor(
     try:
         raise typer.Exit(examination.run(Console(), options))
     except InterruptedByUserError as error:
-        raise typer.Exit(SIGNAL_EXIT_CODES[str(error)]) from None
+        raise typer.Exit(_interrupted(str(error))) from None
 
 
 @app.command()
@@ -207,7 +212,7 @@ def conformance(
     try:
         raise typer.Exit(examination.run(Console(), options))
     except InterruptedByUserError as error:
-        raise typer.Exit(SIGNAL_EXIT_CODES[str(error)]) from None
+        raise typer.Exit(_interrupted(str(error))) from None
 
 
 @app.command()

@@ -5,6 +5,8 @@ A frame that must be refused is sent right behind a valid one, so that its count
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from hil.conformance.dialogue import Dialogue, Frame, differences
 from hil.core.types import NodeState
 from hil.doctor.watchdog import WATCHDOG_S
@@ -56,46 +58,58 @@ def resynchronises(node: Dialogue) -> str:
 
 def refuses_wrong_crc(node: Dialogue) -> str:
     """A wrong CRC byte, or one without the data id."""
-    body = node.body()
-    right = node.sealed(body).data[-1]
-    wrong_crcs = {right ^ 0x01, right ^ 0xFF, node.sealed(body, crc_start=0xFF).data[-1]}
-    return _refuses(node, [Frame(body + bytes((crc,))) for crc in sorted(wrong_crcs)])
+
+    def frames() -> list[Frame]:
+        body = node.body()
+        right = node.sealed(body).data[-1]
+        wrong_crcs = {right ^ 0x01, right ^ 0xFF, node.sealed(body, crc_start=0xFF).data[-1]}
+        return [Frame(body + bytes((crc,))) for crc in sorted(wrong_crcs)]
+
+    return _refuses(node, frames)
 
 
 def refuses_flipped_bits(node: Dialogue) -> str:
     """Every single bit of a disabled command flipped."""
-    node.say(node.valid())
-    data = node.sealed(node.body(enable=False)).data
-    flipped = [Frame((int.from_bytes(data, "little") ^ 1 << bit).to_bytes(len(data), "little")) for bit in range(48)]
-    return _refuses(node, flipped)
+
+    def frames() -> list[Frame]:
+        data = node.sealed(node.body(enable=False)).data
+        whole, length = int.from_bytes(data, "little"), len(data)
+        return [Frame((whole ^ 1 << bit).to_bytes(length, "little")) for bit in range(8 * length)]
+
+    return _refuses(node, frames)
 
 
 def refuses_other_data_id(node: Dialogue) -> str:
     """The CRC of each of the other frames: a payload that got under the wrong identifier."""
     others = [spec for spec in node.probe.contract.frames.values() if spec is not node.spec]
-    return _refuses(node, [node.sealed(node.body(), other.crc_start) for other in others])
+    return _refuses(node, lambda: [node.sealed(node.body(), other.crc_start) for other in others])
 
 
 def refuses_wrong_length(node: Dialogue) -> str:
     """0 to 8 bytes but 6, with a right CRC in the last one."""
-    bodies = (node.body().ljust(length - 1, b"\0")[: length - 1] for length in (1, 2, 3, 4, 5, 7, 8))
-    return _refuses(node, [Frame(b""), *(node.sealed(body) for body in bodies)])
+    lengths = (1, 2, 3, 4, 5, 7, 8)
+
+    def frames() -> list[Frame]:
+        body = node.body()
+        return [Frame(b""), *(node.sealed(body.ljust(length - 1, b"\0")[: length - 1]) for length in lengths)]
+
+    return _refuses(node, frames)
 
 
 def refuses_extended(node: Dialogue) -> str:
     """A 29-bit identifier of the same number."""
-    return _refuses(node, [Frame(node.sealed(node.body()).data, is_extended=True)])
+    return _refuses(node, lambda: [Frame(node.sealed(node.body()).data, is_extended=True)])
 
 
 def refuses_remote(node: Dialogue) -> str:
     """A remote frame of the same identifier and length."""
-    return _refuses(node, [Frame(bytes(node.spec.length), is_remote=True)])
+    return _refuses(node, lambda: [Frame(bytes(node.spec.length), is_remote=True)])
 
 
 def refuses_out_of_range(node: Dialogue) -> str:
     """More than 10 V on either pump, by one step and by all; disabled, so that no pump could move."""
     raws = ((HIGHEST_RAW + 1, 0), (0, HIGHEST_RAW + 1), (0xFFFF, 0), (0, 0xFFFF))
-    return _refuses(node, [node.sealed(node.body(raw, enable=False)) for raw in raws])
+    return _refuses(node, lambda: [node.sealed(node.body(raw, enable=False)) for raw in raws])
 
 
 def ignores_spare_bits(node: Dialogue) -> str:
@@ -119,9 +133,13 @@ def _refuses_step(node: Dialogue, step: int) -> str:
     return f"step {step}: {wrong}" if wrong else ""
 
 
-def _refuses(node: Dialogue, frames: list[Frame]) -> str:
-    """None of these frames may be counted, be echoed or change the state; a valid one after them is."""
-    node.say(node.valid())
+def _refuses(node: Dialogue, frames: Callable[[], list[Frame]]) -> str:
+    """None of these frames may be counted, be echoed or change the state; a valid one after them is.
+
+    They are made once the valid one before them is on its way: their counter is then the next one, and nothing but
+    what is wrong with them can be the reason to refuse them.
+    """
+    valid = node.valid()
     last = node.probe.counter
-    wrong = differences(node.say(*frames), accepted=0, echo=last, state=READY, highest_V=0.0)
+    wrong = differences(node.say(valid, *frames()), accepted=1, echo=last, state=READY, highest_V=0.0)
     return wrong or differences(node.say(node.valid()), accepted=1, echo=node.probe.counter, state=READY)

@@ -63,9 +63,12 @@ class Dialogue:
         start = self.spec.crc_start if crc_start is None else crc_start
         return Frame(body + bytes((crc8(body, start),)))
 
-    def body(self, raw: tuple[int, int] = (0, 0), *, enable: bool = True, spare: int = 0) -> bytes:
-        """The bytes before the CRC, with the next counter, which does not become the last one. raw : 0.2 mV each."""
-        flags = int(enable) | spare << 2 | self.probe.next_counter << 4
+    def body(self, raw: tuple[int, int] = (0, 0), *, enable: bool = True, spare: int = 0, ahead: int = 0) -> bytes:
+        """The bytes before the CRC. raw : multiples of 0.2 mV.
+
+        The counter is the next one, or one so many steps ahead of it; it does not become the last one.
+        """
+        flags = int(enable) | spare << 2 | (self.probe.next_counter + ahead) % 16 << 4
         return b"".join(value.to_bytes(2, "little") for value in raw) + bytes((flags,))
 
     def status(self) -> Arrival:

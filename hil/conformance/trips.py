@@ -2,39 +2,49 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from hil.conformance.dialogue import Dialogue, Frame, differences
 from hil.core.types import NodeState
 from hil.doctor.observation import STATUS
 from hil.doctor.watchdog import TOLERANCE_S, TRIPPED_BY_WATCHDOG, WATCHDOG_S
 
 READY, TRIPPED = NodeState.READY, NodeState.TRIPPED
-FEED_S = 0.04
+FEED_S, FRAMES = 0.04, 5
 LATCHED_S = 1.0
 
 
 def is_not_fed_by_refused(node: Dialogue) -> str:
-    """Frames with a wrong CRC, an old counter, a wrong length or 10.0002 V don't keep the watchdog from tripping."""
-    node.say(node.valid(enable=True))
-    sent_ns = node.probe.send(node.valid(enable=True).data)
-    body = node.body()
-    bad = (
-        Frame(body + bytes((node.sealed(body).data[-1] ^ 0xFF,))),
-        node.stale(0),
-        node.stale(12),
-        Frame(node.sealed(body).data + b"\0"),
-        node.sealed(node.body((50_001, 0), enable=False)),
-    )
-    number = 0
-    while (node.probe.now_ns - sent_ns) * 1e-9 < WATCHDOG_S - FEED_S:
-        node.probe.listen(FEED_S)
-        node.probe.send(bad[number % len(bad)].data)
-        number += 1
-    node.probe.listen_until(sent_ns + round((WATCHDOG_S + TOLERANCE_S + 2 * node.cycle_s) * 1e9))
-    status = node.probe.listener.observed(sent_ns, node.probe.now_ns).last(STATUS)
-    state = None if status is None else NodeState(int(status.values["State"]))
-    if state is TRIPPED:
-        return ""
-    return f"still in state {state.name.lower() if state is not None else '?'}: refused frames feed its watchdog"
+    """Running, it gets nothing but refused frames of one kind: its watchdog has to trip all the same.
+
+    Their counters differ, so that a node that took one by mistake would take the next one, too.
+    """
+    kinds: dict[str, Callable[[int], Frame]] = {
+        "a wrong CRC": lambda number: Frame(_body_and_crc(node, number, 0xFF)),
+        "a repeated counter": lambda _: node.stale(0),
+        "an old counter": lambda number: node.stale(15 - number),  # older and older
+        "a wrong length": lambda number: Frame(_body_and_crc(node, number) + b"\0"),
+        "a voltage out of range": lambda number: node.sealed(node.body((50_001, 0), enable=False, ahead=number)),
+    }
+    for what, made in kinds.items():
+        if not node.settle():
+            return "the node can't be brought to ready"
+        node.say(node.valid(enable=True))
+        sent_ns = node.probe.send(node.valid(enable=True).data)
+        for number in range(FRAMES):
+            node.probe.listen(FEED_S)
+            node.probe.send(made(number).data)
+        node.probe.listen_until(sent_ns + round((WATCHDOG_S + TOLERANCE_S + node.cycle_s) * 1e9))
+        status = node.probe.listener.observed(sent_ns, node.probe.now_ns).last(STATUS)
+        state = None if status is None else NodeState(int(status.values["State"]))
+        if state is not TRIPPED:
+            return f"still in state {state.name.lower() if state is not None else '?'}: fed by {what}"
+    return ""
+
+
+def _body_and_crc(node: Dialogue, ahead: int, flip: int = 0) -> bytes:
+    body = node.body(ahead=ahead)
+    return body + bytes((node.sealed(body).data[-1] ^ flip,))
 
 
 def is_latched(node: Dialogue) -> str:

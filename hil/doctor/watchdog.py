@@ -11,7 +11,7 @@ from itertools import pairwise
 
 from hil.core.types import NodeState
 from hil.doctor.observation import STATUS, Arrival
-from hil.doctor.probe import Probe
+from hil.doctor.probe import InterruptedByUserError, Probe
 from hil.doctor.result import Result, failed, not_checked, passed, warned
 
 WATCHDOG_S = 0.25
@@ -55,8 +55,9 @@ def measure(probe: Probe) -> Timing:
                 spare -= 1
             else:
                 return timing
-    finally:
-        probe.command(clear=True)  # whatever has interrupted a trial: ready again, at 0 V
+    except InterruptedByUserError:
+        probe.command(clear=True)  # as it was found: ready, at 0 V
+        raise
     return Timing(timing.runs_until_s, timing.tripped_by_s, is_measured=True)
 
 
@@ -73,11 +74,10 @@ def _trial(probe: Probe, phase: float) -> tuple[float, float, str, bool]:
     times_s = [(status.t_ns - sent_ns) * 1e-9 for status in seen]
     gaps_s = [b - a for a, b in pairwise(times_s)]
     is_regular = not is_slow and bool(gaps_s) and max(abs(gap_s - cycle_s) for gap_s in gaps_s) < IRREGULAR * cycle_s
-    problem = _problem(seen)
+    uncleared = _clear(probe, cycle_s)
+    problem = _problem(seen) or uncleared
     runs_s = [t_s for t_s, status in zip(times_s, seen, strict=True) if _state(status) is NodeState.RUN]
     trips_s = [t_s for t_s, status in zip(times_s, seen, strict=True) if _state(status) is NodeState.TRIPPED]
-    if not problem:
-        problem = _clear(probe, cycle_s)
     return max(runs_s, default=0.0), min(trips_s, default=float("inf")), problem, is_regular
 
 
