@@ -86,12 +86,13 @@ def refuses_other_data_id(node: Dialogue) -> str:
 
 
 def refuses_wrong_length(node: Dialogue) -> str:
-    """0 to 8 bytes but 6, with a right CRC in the last one."""
+    """0 to 8 bytes but 6, with a right CRC in the last one; and a valid frame with bytes behind it."""
     lengths = (1, 2, 3, 4, 5, 7, 8)
 
     def frames() -> list[Frame]:
         body = node.body()
-        return [Frame(b""), *(node.sealed(body.ljust(length - 1, b"\0")[: length - 1]) for length in lengths)]
+        sealed = [node.sealed(body.ljust(length - 1, b"\0")[: length - 1]) for length in lengths]
+        return [Frame(b""), *sealed, *(Frame(node.sealed(body).data + bytes(more)) for more in (1, 2))]
 
     return _refuses(node, frames)
 

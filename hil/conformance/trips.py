@@ -23,7 +23,7 @@ def is_not_fed_by_refused(node: Dialogue) -> str:
         "a wrong CRC": lambda number: Frame(_body_and_crc(node, number, 0xFF)),
         "a repeated counter": lambda _: node.stale(0),
         "an old counter": lambda number: node.stale(15 - number),  # older and older
-        "a wrong length": lambda number: Frame(_body_and_crc(node, number) + b"\0"),
+        "a wrong length": lambda number: _too_long(node, number),
         "a voltage out of range": lambda number: node.sealed(node.body((50_001, 0), enable=False, ahead=number)),
     }
     for what, made in kinds.items():
@@ -45,6 +45,12 @@ def is_not_fed_by_refused(node: Dialogue) -> str:
 def _body_and_crc(node: Dialogue, ahead: int, flip: int = 0) -> bytes:
     body = node.body(ahead=ahead)
     return body + bytes((node.sealed(body).data[-1] ^ flip,))
+
+
+def _too_long(node: Dialogue, number: int) -> Frame:
+    """By turns a valid frame with a byte behind it, and seven bytes with the right CRC at their end."""
+    body = node.body(ahead=number)
+    return Frame(node.sealed(body).data + b"\0") if number % 2 else node.sealed(body + b"\0")
 
 
 def is_latched(node: Dialogue) -> str:

@@ -1,6 +1,6 @@
 """Pump nodes with one thing wrong each, as a firmware under development may have it."""
 
-from doctor_bench import BOOTED_NS, RIG, LockstepBench, contract
+from doctor_bench import BOOTED_NS, RIG, LockstepBench
 
 import firmware_sim.rig
 from firmware_sim.pump_node import PumpNode
@@ -50,6 +50,11 @@ class TakesAnyLength(PumpNode):
         if data and crc8(COMMAND_ID, data[:-1]) == data[-1]:
             frame = remade(frame, data=sealed(COMMAND_ID, data[:-1].ljust(5, b"\0")[:5]))
         return super().receive(frame, now_ns)
+
+
+class LooksAtSixBytes(PumpNode):
+    def receive(self, frame, now_ns):
+        return super().receive(remade(frame, data=bytes(frame.data)[:6]), now_ns)
 
 
 class TakesExtended(PumpNode):

@@ -4,7 +4,7 @@ import json
 
 import nodes_bench as nodes
 import pytest
-from doctor_bench import fault
+from doctor_bench import contract, fault
 from nodes_bench import failures, tried
 
 from firmware_sim.pump_node import PumpNode
@@ -17,6 +17,7 @@ BROKEN = {
     nodes.IgnoresCrc: "refuses a wrong CRC",
     nodes.TakesOtherDataIds: "refuses another data id",
     nodes.TakesAnyLength: "refuses a wrong length",
+    nodes.LooksAtSixBytes: "refuses a wrong length",
     nodes.TakesExtended: "refuses an extended frame",
     nodes.TakesRemote: "refuses a remote frame",
     nodes.ClipsRange: "refuses a voltage out of range",
@@ -49,7 +50,14 @@ BROKEN_AT_VOLTAGE = {
     nodes.HoldsVoltageInTrip: "trips to 0 V",
     nodes.MovesWhileTripped: "never moves after a trip",
 }
-FEEDING = (nodes.IgnoresCrc, nodes.TakesRepeated, nodes.TakesOld, nodes.TakesAnyLength, nodes.ClipsRange)
+FEEDING = (
+    nodes.ClipsRange,
+    nodes.IgnoresCrc,
+    nodes.TakesRepeated,
+    nodes.TakesOld,
+    nodes.TakesAnyLength,
+    nodes.LooksAtSixBytes,
+)
 
 
 def by_name(node):
@@ -75,7 +83,7 @@ def test_the_emulator_conforms_with_pumps_and_ends_at_zero(monkeypatch):
 def test_at_rest_no_frame_asks_for_a_voltage_not_even_a_broken_one(monkeypatch):
     """A node that takes what it must refuse shall not move a pump by it."""
     _, bench = tried(monkeypatch, PumpNode)
-    assert len(bench.sent) > 300
+    assert len(bench.sent) > 200
     for _, _, data in bench.sent:
         is_enabled = len(data) >= 6 and data[4] & 1
         assert not (is_enabled and any(data[:4])), data.hex()
@@ -192,7 +200,7 @@ def test_json_is_what_the_table_says(tmp_path):
 
     file = tmp_path / "node.json"
     results = [passed("one", "1 V"), failed("two", "2 V", "mend it")]
-    _write(file, BusAddress("virtual", "x", 500_000), nodes.contract(), Options(node="pump"), results)
+    _write(file, BusAddress("virtual", "x", 500_000), contract(), Options(node="pump"), results)
     told = json.loads(file.read_text())
     assert told["conforms"] is False
     assert told["node"] == "pump"
