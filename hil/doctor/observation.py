@@ -16,7 +16,10 @@ HEARTBEATS = {"pump node": "PumpHeartbeat", "level node": "LevelHeartbeat"}
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """One accepted frame. lost : how many of its identifier the counter shows to be missing right before it."""
+    """One accepted frame. lost : how many of its identifier the counter shows to be missing right before it.
+
+    After a longer silence, too, when a run takes any counter: a heartbeat that is lost is not seen otherwise.
+    """
 
     name: str
     t_ns: int
@@ -82,12 +85,13 @@ class Listener:
             why = Rejection.ERROR_FRAME if frame.is_error_frame else Rejection.UNKNOWN_ID
             self._refusals.append(Refusal("", received_ns, why))
             return None
-        lost_before = check.lost
         values = check.admit(frame, received_ns)
         if isinstance(values, Rejection):
             self._refusals.append(Refusal(check.spec.name, received_ns, values))
             return None
-        arrival = Arrival(check.spec.name, received_ns, values, check.lost - lost_before)
+        before = self._newest.get(check.spec.name)
+        step = (int(values["Counter"]) - int(before.values["Counter"])) % 16 if before is not None else 1
+        arrival = Arrival(check.spec.name, received_ns, values, max(step - 1, 0))
         self._arrivals.append(arrival)
         self._newest[arrival.name] = arrival
         return arrival
