@@ -65,7 +65,7 @@ def _command(probe: Probe, wants: Expectations, observation: Observation, result
     else:
         results.append(watchdog.check_watchdog(watchdog.measure(probe)))
     cycle_s = observation.contract.frames[STATUS].cycle_s
-    results.append(echo.check_echo(echo.measure(probe), cycle_s, wants.echo_age_max_s))
+    results.append(echo.check_echo(echo.measure(probe, wants.echo_age_max_s), cycle_s, wants.echo_age_max_s))
 
 
 def _move(probe: Probe, wants: Expectations, results: list[Result]) -> None:
