@@ -198,6 +198,12 @@ def conformance(
     bitrate: Bitrate = None,
     node: Annotated[Node, typer.Option("--node", help="Which node to test.")] = Node.BOTH,
     with_pumps: WithPumps = False,
+    power_cycle: Annotated[
+        float,
+        typer.Option(
+            "--power-cycle", metavar="S", min=0.0, max=600.0, help="Wait S seconds for a power cycle by hand."
+        ),
+    ] = 0.0,
     json_file: Annotated[
         Optional[Path],
         typer.Option("--json", metavar="FILE", help="Write the results there, too; refused if it exists."),
@@ -208,7 +214,7 @@ def conformance(
     from hil.cli import conformance as examination
     from hil.doctor.probe import InterruptedByUserError
 
-    options = examination.Options(interface, channel, bitrate, node.value, with_pumps, json_file, config)
+    options = examination.Options(interface, channel, bitrate, node.value, with_pumps, json_file, power_cycle, config)
     try:
         raise typer.Exit(examination.run(Console(), options))
     except InterruptedByUserError as error:

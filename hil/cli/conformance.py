@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -30,6 +31,7 @@ class Options:
     node: str = "both"
     with_pumps: bool = False
     json_file: Path | None = None
+    power_cycle_s: float = 0.0
     config_dir: Path | None = None
 
 
@@ -43,9 +45,11 @@ def run(console: Console, options: Options) -> int:
         level_node=options.node in ("level", "both"),
         with_pumps=options.with_pumps,
         sensor_range_V=rig.sensors.range_V,
+        power_cycle_s=options.power_cycle_s,
     )
     _refuse_to_overwrite(options.json_file)
-    results = _tested(address, contract, plan)
+    console.print("Testing; this takes about a minute.", highlight=False)
+    results = _tested(address, contract, plan, lambda text: console.print(text, style="bold", highlight=False))
     is_good = conforms(results)
     console.print(checks.table(f"hil conformance: {address.interface} {address.channel}", results))
     console.print(f"{checks.tally(results)}: {'conforms' if is_good else 'does not conform'}", highlight=False)
@@ -54,11 +58,11 @@ def run(console: Console, options: Options) -> int:
     return 0 if is_good else checks.EXIT_FAILED
 
 
-def _tested(address: BusAddress, contract: Contract, plan: Plan) -> list[Result]:
+def _tested(address: BusAddress, contract: Contract, plan: Plan, ask: Callable[[str], None]) -> list[Result]:
     with closing(BusPort(address.open(contract.ids))) as port, StopSignal() as stop:
         probe = Probe(contract, port, MonotonicClock(), lambda: stop.received.name if stop.received else "")
         with probe:
-            return run_suite(probe, plan)
+            return run_suite(probe, plan, ask)
 
 
 def _refuse_to_overwrite(file: Path | None) -> None:

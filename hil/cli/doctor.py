@@ -23,6 +23,7 @@ from hil.edge.rig_file import Rig, load_rig
 from hil.edge.settings import default_config_dir
 from hil.wire.contract import Contract
 
+COMMANDS_S = 10
 LinkReader = Callable[[str], LinkState | None]
 
 
@@ -48,6 +49,7 @@ def run(console: Console, options: Options, read_link: LinkReader = host.link) -
         address.bitrate,
         is_socketcan=address.interface == "socketcan",
     )
+    console.print(f"Listening for {options.seconds:g} s, then some {COMMANDS_S} s of commands.", highlight=False)
     results += examined(address, contract, expectations(rig), options)
     results += check_host(host_facts(options.runs))
     where = f"{address.interface} {address.channel}"

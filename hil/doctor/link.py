@@ -22,7 +22,7 @@ class LinkState(Protocol):
 
     @property
     def state(self) -> str:
-        """The kernel's word: up, down, error-active, error-passive, bus-off..."""
+        """The kernel's word: up, down, ERROR_ACTIVE, ERROR_PASSIVE, BUS_OFF...; "" when it has none."""
         ...
 
     @property
@@ -56,7 +56,7 @@ def check_link(state: LinkState | None, channel: str, bitrate: int, *, is_socket
 
 
 def _check_state(state: LinkState, bitrate: int) -> Result:
-    check, word = "link state", state.state.lower()
+    check, word = "link state", state.state.lower().replace("_", "-") or ("up" if state.is_up else "down")
     if not state.is_up:
         return failed(check, f"{state.name} is {word}", f"ip link set {state.name} up type can bitrate {bitrate}")
     if word in OFF:

@@ -46,15 +46,15 @@ def measure(probe: Probe) -> Timing:
     try:
         while phases:
             low_s, high_s, problem, is_regular = _trial(probe, phases[0])
+            if not is_regular and spare:
+                spare -= 1
+                continue
             if problem:
                 return Timing(timing.runs_until_s, timing.tripped_by_s, problem)
-            if is_regular:
-                timing = Timing(max(timing.runs_until_s, low_s), min(timing.tripped_by_s, high_s))
-                del phases[0]
-            elif spare:
-                spare -= 1
-            else:
+            if not is_regular:
                 return timing
+            timing = Timing(max(timing.runs_until_s, low_s), min(timing.tripped_by_s, high_s))
+            del phases[0]
     except InterruptedByUserError:
         probe.command(clear=True)  # as it was found: ready, at 0 V
         raise

@@ -205,3 +205,91 @@ def test_json_is_what_the_table_says(tmp_path):
     assert told["conforms"] is False
     assert told["node"] == "pump"
     assert told["results"][1] == {"check": "two", "verdict": "fail", "found": "2 V", "advice": "mend it"}
+
+
+@pytest.mark.parametrize("after_s", [6.3, 8.0, 9.6, 11.1, 14.0, 17.0, 19.5, 20.0, 22.0, 24.05, 26.0])
+def test_a_host_that_stands_still_for_a_moment_makes_no_sound_node_fail(monkeypatch, after_s):
+    monkeypatch.setattr("firmware_sim.rig.PumpNode", PumpNode)
+    bench = nodes.LockstepBench()
+    receive, stalls = bench.receive, []
+
+    def stalling(timeout_s):
+        if not stalls and bench.now_ns() >= after_s * 1e9:
+            stalls.append(bench.now_ns())
+            bench._wait(bench.now_ns() + 400_000_000)  # frames pile up and come all at once
+        return receive(timeout_s)
+
+    bench.receive = stalling
+    with bench.probe() as probe:
+        results = suite.run_suite(probe, nodes.Plan(True, False, False, nodes.RIG.sensors.range_V))
+    assert stalls
+    assert suite.conforms(results), [result for result in results if result.verdict is not Verdict.PASS]
+    bench.close()
+
+
+def cycled(monkeypatch, what, *, node=PumpNode, within_s=10.0):
+    """The last test alone: somebody is asked to switch the node off and on, and does `what`."""
+    monkeypatch.setattr("firmware_sim.rig.PumpNode", node)
+    bench = nodes.LockstepBench()
+    asked = []
+
+    def ask(text):
+        asked.append(text)
+        what(bench)
+
+    with bench.probe() as probe:
+        plan = nodes.Plan(True, False, False, nodes.RIG.sensors.range_V, power_cycle_s=within_s)
+        results = {result.check: result for result in suite.run_suite(probe, plan, ask)}
+    bench.close()
+    assert len(asked) == 1
+    return results["boots at 0 V"]
+
+
+def off_and_on(bench):
+    bench.inject(fault("node_reboot", "pump", at_s=1.0, until_s=3.0))
+
+
+class BootsRunning(PumpNode):
+    def reboot(self, now_ns, power_ns):
+        super().reboot(now_ns, power_ns)
+        self._wakes = True
+
+    def run_event(self, now_ns):
+        was_boot = self.state is NodeState.BOOT
+        super().run_event(now_ns)
+        if was_boot and self.state is NodeState.READY and getattr(self, "_wakes", False):
+            self.applied_V = (2.0, 2.0)
+
+
+class KeepsTrip(PumpNode):
+    def reboot(self, now_ns, power_ns):
+        super().reboot(now_ns, power_ns)
+        self.accepted = 7
+
+
+class ForgetsToCount(PumpNode):
+    def reboot(self, now_ns, power_ns):
+        super().reboot(now_ns, power_ns)
+        self._boot_count += 1
+
+
+def test_a_power_cycle_shows_how_the_node_boots(monkeypatch):
+    assert cycled(monkeypatch, off_and_on).verdict is Verdict.PASS
+
+
+@pytest.mark.parametrize(
+    ("node", "word"),
+    [
+        (BootsRunning, "applied a voltage"),
+        (KeepsTrip, "remembers"),
+        (ForgetsToCount, "boot count 3 after 1, must be 2"),
+    ],
+)
+def test_a_node_that_boots_wrongly_is_found(monkeypatch, node, word):
+    result = cycled(monkeypatch, off_and_on, node=node)
+    assert result.verdict is Verdict.FAIL
+    assert word in result.found
+
+
+def test_nobody_switches_it_off(monkeypatch):
+    assert "no other boot count" in cycled(monkeypatch, lambda _: None, within_s=3.0).found

@@ -55,7 +55,7 @@ class Link:
 
     name: str = "can0"
     is_up: bool = True
-    state: str = "ERROR-ACTIVE"
+    state: str = "ERROR_ACTIVE"
     bitrate: int | None = 500_000
     restart_ms: int | None = 0
 
@@ -67,9 +67,10 @@ class Link:
         (Link(), "link bit rate", PASS),
         (Link(), "link restart-ms", PASS),
         (Link(is_up=False, state="down"), "link state", FAIL),
-        (Link(state="BUS-OFF"), "link state", FAIL),
-        (Link(state="ERROR-PASSIVE"), "link state", WARN),
-        (Link(state="ERROR-WARNING"), "link state", WARN),
+        (Link(state="BUS_OFF"), "link state", FAIL),
+        (Link(state="ERROR_PASSIVE"), "link state", WARN),
+        (Link(state="error-warning"), "link state", WARN),
+        (Link(state=""), "link state", PASS),
         (Link(bitrate=250_000), "link bit rate", FAIL),
         (Link(bitrate=None), "link bit rate", NOT_CHECKED),
         (Link(restart_ms=100), "link restart-ms", WARN),
