@@ -63,7 +63,7 @@ def measure(probe: Probe) -> Timing:
 
 def _trial(probe: Probe, phase: float) -> tuple[float, float, str, bool]:
     """The bracket of one trial, what was wrong, and whether its frames came regularly."""
-    cycle_s = probe.contract.frames[STATUS].cycle_s
+    cycle_s, begin_ns = probe.contract.frames[STATUS].cycle_s, probe.now_ns
     for _ in range(3):
         if probe.await_status(4 * cycle_s) is None:
             return 0.0, 0.0, "no PumpStatus", False
@@ -72,13 +72,18 @@ def _trial(probe: Probe, phase: float) -> tuple[float, float, str, bool]:
         is_slow = (probe.now_ns - sent_ns) * 1e-9 > SLOW_SEND_S
     seen = probe.listen(WATCHDOG_S + TOLERANCE_S + 3 * cycle_s).of(STATUS)
     times_s = [(status.t_ns - sent_ns) * 1e-9 for status in seen]
-    gaps_s = [b - a for a, b in pairwise(times_s)]
-    is_regular = not is_slow and bool(gaps_s) and max(abs(gap_s - cycle_s) for gap_s in gaps_s) < IRREGULAR * cycle_s
+    is_regular = not is_slow and _is_regular(probe.listener.observed(begin_ns, probe.now_ns).of(STATUS), cycle_s)
     uncleared = _clear(probe, cycle_s)
     problem = _problem(seen) or uncleared
     runs_s = [t_s for t_s, status in zip(times_s, seen, strict=True) if _state(status) is NodeState.RUN]
     trips_s = [t_s for t_s, status in zip(times_s, seen, strict=True) if _state(status) is NodeState.TRIPPED]
     return max(runs_s, default=0.0), min(trips_s, default=float("inf")), problem, is_regular
+
+
+def _is_regular(statuses: list[Arrival], cycle_s: float) -> bool:
+    """Whether they came at the DBC's pace from the first command of the trial on."""
+    gaps_s = [(b.t_ns - a.t_ns) * 1e-9 for a, b in pairwise(statuses)]
+    return bool(gaps_s) and max(abs(gap_s - cycle_s) for gap_s in gaps_s) < IRREGULAR * cycle_s
 
 
 def _problem(seen: list[Arrival]) -> str:
