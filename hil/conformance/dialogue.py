@@ -7,13 +7,11 @@ from dataclasses import dataclass
 
 from hil.core.types import NodeState, Pair
 from hil.doctor.observation import COMMAND, STATUS, Arrival
-from hil.doctor.probe import OFF_V, Probe, ProbeError
+from hil.doctor.probe import OFF_V, PATIENCE_S, Probe, ProbeError
 from hil.wire.contract import crc8
 
 GAP_S = 0.002
 """Between frames: a node's mailboxes are few."""
-PATIENCE = 6
-"""Status periods to wait for a status frame."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +71,7 @@ class Dialogue:
 
     def status(self) -> Arrival:
         """The next status frame; raises ProbeError when none comes."""
-        status = self.probe.await_status(PATIENCE * self.cycle_s)
+        status = self.probe.await_status(PATIENCE_S)
         if status is None:
             raise ProbeError("no PumpStatus")
         return status

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil.doctor.observation import STATUS
-from hil.doctor.probe import Probe
+from hil.doctor.probe import PATIENCE_S, Probe
 from hil.doctor.result import Result, failed, passed, warned
 
 COMMANDS = 100
@@ -32,7 +32,7 @@ class Echoes:
 def measure(probe: Probe, age_max_s: float, commands: int = COMMANDS) -> Echoes:
     """Send them and wait for each echo, for as long as a run would."""
     cycle_s = probe.contract.frames[STATUS].cycle_s
-    before = probe.await_status(4 * cycle_s)
+    before = probe.await_status(PATIENCE_S)
     latencies_s: list[float] = []
     for number in range(commands):
         sent_ns = probe.command()
@@ -41,7 +41,7 @@ def measure(probe: Probe, age_max_s: float, commands: int = COMMANDS) -> Echoes:
         if echo is not None:
             latencies_s.append((echo.t_ns - sent_ns) * 1e-9)
         probe.listen(number % STEPS / STEPS * cycle_s)
-    after = probe.await_status(4 * cycle_s)
+    after = probe.await_status(PATIENCE_S)
     uncounted = commands
     if before is not None and after is not None:
         uncounted = commands - int(after.values["Accepted"] - before.values["Accepted"]) % 256

@@ -14,6 +14,8 @@ from hil.wire.checks import Frame
 from hil.wire.contract import Contract
 
 POLL_S = 0.05
+PATIENCE_S = 1.0
+"""How long to wait for a status frame that should come every 50 ms, on a host that may stand still for a while."""
 STALL_NS = 10_000_000
 CATCH_UP_S = 0.005
 LARGEST_BATCH = 1000

