@@ -175,7 +175,7 @@ def doctor(
     channel: Channel = None,
     bitrate: Bitrate = None,
     seconds: Annotated[
-        float, typer.Option("--seconds", metavar="S", min=1.0, max=3600.0, help="How long to listen first.")
+        float, typer.Option("--seconds", metavar="S", min=1.0, max=600.0, help="How long to listen first.")
     ] = 5.0,
     with_pumps: WithPumps = False,
     config: ConfigDir = None,

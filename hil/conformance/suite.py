@@ -13,7 +13,7 @@ from hil.doctor import watchdog
 from hil.doctor.frames import check_integrity, check_period
 from hil.doctor.nodes import check_contract
 from hil.doctor.observation import HEARTBEATS, LEVEL_FRAMES, STATUS, Observation
-from hil.doctor.probe import Probe, ProbeError
+from hil.doctor.probe import InterruptedByUserError, Probe, ProbeError
 from hil.doctor.result import Result, Verdict, failed, has_failed, not_checked, passed, warned
 from hil.doctor.sensors import check_range
 
@@ -82,7 +82,7 @@ def run_suite(probe: Probe, plan: Plan, ask: Callable[[str], None] = lambda _: N
             return [failed("alone on the bus", "somebody else commands the pump node", "stop the other controller")]
         if plan.pump_node:
             results += _listen(heard, "pump node", PUMP_FRAMES)
-            results += _ask(probe, heard, with_pumps=plan.with_pumps)
+            results += _ask_or_clear(probe, heard, with_pumps=plan.with_pumps)
             results.append(_boots(probe.listener.observed(begin_ns, probe.now_ns), "pump node"))
             if plan.power_cycle_s > 0.0:
                 ask(f"Switch the pump node off and on again, within {plan.power_cycle_s:g} s.")
@@ -113,6 +113,15 @@ def _whole(heard: Observation, name: str) -> Result:
     result = check_integrity(heard, name)
     is_wrong = result.verdict is Verdict.WARN and heard.refused(name).total() > 0
     return failed(result.check, result.found, SEE) if is_wrong else result
+
+
+def _ask_or_clear(probe: Probe, heard: Observation, *, with_pumps: bool) -> list[Result]:
+    """Whoever interrupts it finds the node ready, at 0 V, and not in the midst of a trip."""
+    try:
+        return _ask(probe, heard, with_pumps=with_pumps)
+    except InterruptedByUserError:
+        probe.command(clear=True)
+        raise
 
 
 def _ask(probe: Probe, heard: Observation, *, with_pumps: bool) -> list[Result]:

@@ -10,6 +10,7 @@ from nodes_bench import failures, tried
 from firmware_sim.pump_node import PumpNode
 from firmware_sim.wire import NodeState
 from hil.conformance import suite
+from hil.doctor.probe import InterruptedByUserError
 from hil.doctor.result import Verdict
 
 BROKEN = {
@@ -224,6 +225,21 @@ def test_a_host_that_stands_still_for_a_moment_makes_no_sound_node_fail(monkeypa
         results = suite.run_suite(probe, nodes.Plan(True, False, False, nodes.RIG.sensors.range_V))
     assert stalls
     assert suite.conforms(results), [result for result in results if result.verdict is not Verdict.PASS]
+    bench.close()
+
+
+@pytest.mark.parametrize("after_s", [3.0, 9.7, 14.2, 19.3, 21.1, 23.0, 24.4, 26.2, 31.0])
+def test_whenever_it_is_interrupted_the_node_ends_ready_at_zero(monkeypatch, after_s):
+    monkeypatch.setattr("firmware_sim.rig.PumpNode", PumpNode)
+    bench = nodes.LockstepBench()
+    until_ns = bench.now_ns() + round(after_s * 1e9)
+    with (
+        pytest.raises(InterruptedByUserError, match="SIGTERM"),
+        bench.probe(lambda: "SIGTERM" if bench.now_ns() >= until_ns else "") as probe,
+    ):
+        suite.run_suite(probe, nodes.Plan(True, False, True, nodes.RIG.sensors.range_V))
+    bench.rig.advance(bench.now_ns() + 400_000_000)
+    assert (bench.pump.state, bench.pump.applied_V) == (NodeState.READY, (0.0, 0.0))
     bench.close()
 
 
