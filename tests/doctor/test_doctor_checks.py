@@ -42,6 +42,8 @@ WRONG = [
     (fault("foreign_command", "PumpCommand", 0.0), "commands of others", FAIL),
     (fault("error_frames", "all", 1.0), "error frames", WARN),
     (fault("error_frames", "all", 50.0), "error frames", FAIL),
+    (fault("error_frames", "all", 18.0), "error frames", WARN),
+    (fault("error_frames", "all", 30.0, at_s=1.0, until_s=1.7), "error frames", FAIL),
     (fault("heartbeat_stop", "pump"), "pump node heartbeat", FAIL),
     (fault("heartbeat_stop", "pump"), "pump node contract", FAIL),
     (fault("heartbeat_stop", "level"), "level node heartbeat", FAIL),

@@ -18,7 +18,9 @@ from hil.cli import app, campaign, checks
 from hil.conformance import suite
 from hil.core.interlocks import INTERLOCKS
 from hil.core.types import TripCause
-from hil.doctor import watchdog
+from hil.doctor import echo, frames, host, ramp, sensors, watchdog
+from hil.doctor.host import check_host
+from hil.doctor.link import check_link
 from hil.wire.checks import LARGEST_COUNTER_STEP, FrameCheck, Rejection
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -226,6 +228,42 @@ def test_links_between_the_documents_lead_somewhere(name):
         if anchor:
             headings = re.findall(r"^#+ (.*)$", file.read_text(), re.MULTILINE)
             assert anchor in [heading.lower().replace(" ", "-") for heading in headings], target
+
+
+def test_every_check_of_the_doctor_is_explained_once():
+    from doctor_bench import LockstepBench
+    from test_doctor_host import GOOD
+
+    explained = [name for row in rows_of("operating.md", "check") for name in re.findall(r"`([^`]+)`", row[0])]
+    made = set(examined(LockstepBench(), with_pumps=True)) | {result.check for result in check_host(GOOD)}
+    made |= {result.check for result in check_link(None, "can0", 500_000, is_socketcan=False)}
+    assert len(explained) == len(set(explained))
+    assert set(explained) == made | {"bus opens", "pumps", "examination"}
+
+
+def test_limits_of_the_doctor_are_the_code_s():
+    text = " ".join((DOCS / "operating.md").read_text().split())
+    assert (
+        f"within {frames.PERIOD_WARN:.0%}; warns beyond, or of a jitter above {frames.JITTER_WARN:.0%}".replace(
+            "%", " %"
+        )
+        in text
+    )
+    assert (
+        f"off by more than {frames.PERIOD_FAIL:.0%}, or fewer than {frames.FEWEST_FRAMES} came".replace("%", " %")
+        in text
+    )
+    assert f"| {frames.LOSS_FAIL:.0%} or more |".replace("%", " %") in text
+    assert f"{sensors.QUIET_WARN:g} to {sensors.NOISE_WARN:g} times" in text
+    assert f"above {sensors.NOISE_FAIL:g} times" in text
+    assert f"after the last command, within {watchdog.TOLERANCE_S * 1e3:g} ms" in text
+    assert f"PumpStatus' period and {echo.MARGIN_S * 1e3:g} ms" in text
+    assert f"{ramp.RESPONSE_LOW:g} to {ramp.RESPONSE_HIGH:g} times what rig.toml says" in text
+    assert f"less than {ramp.NO_RESPONSE:g} times" in text
+    assert f"gives each pump {ramp.TOP_V:g} V for {ramp.HOLD_S:g} s" in text
+    assert f"{host.LOCKED_BYTES / 2**20:g} MiB or more" in text
+    assert f"less than {host.DISK_FAIL_BYTES / 2**20:g} MiB" in text
+    assert host.DISK_WARN_BYTES == 2**30
 
 
 def test_the_checks_named_in_advice_exist():
