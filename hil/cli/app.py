@@ -48,7 +48,7 @@ Bitrate = Annotated[
     Optional[int],
     typer.Option("-b", "--bitrate", min=10_000, max=1_000_000, help="bit/s. Default: the rig file's."),
 ]
-WithPumps = Annotated[bool, typer.Option("--with-pumps", help="Move pumps, too: 3 V for 3 s each. Stand by the rig.")]
+WithPumps = Annotated[bool, typer.Option("--with-pumps", help="Move pumps, too, a little. Stand by the rig.")]
 ScenarioFile = Annotated[Path, typer.Argument(metavar="SCENARIO.toml", help="The experiment; see config/scenarios.")]
 ConfigDir = Annotated[
     Optional[Path],
