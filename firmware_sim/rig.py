@@ -294,6 +294,7 @@ class Rig:
     def _send_through_faults(self, can_id: int, payload: bytes, now_ns: int) -> None:
         frame = Frame(now_ns / NS_PER_S, can_id, is_extended_id=False, data=payload, is_rx=False)
         self._wire.carry(can_id, frame, now_ns)
+        self._rare_ns = self._next_rare_ns()  # a delayed frame may be the next thing that happens
 
     def _send(self, can_id: int, payload: bytes, now_ns: int) -> None:
         self._outbox.append(Frame(now_ns / NS_PER_S, can_id, is_extended_id=False, data=payload, is_rx=False))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from datetime import datetime
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Optional
 
@@ -16,6 +17,15 @@ EXIT_BAD_INPUT = 2
 EXIT_CODES = {"complete": 0, "stopped": 0, "tripped": 3, "failed": 4}
 SIGNAL_EXIT_CODES = {"SIGHUP": 129, "SIGINT": 130, "SIGTERM": 143}
 
+
+class Node(StrEnum):
+    """What `hil conformance` tests."""
+
+    PUMP = "pump"
+    LEVEL = "level"
+    BOTH = "both"
+
+
 app = typer.Typer(
     name="hil",
     help="Fault-tolerant control of the four-tank laboratory process over CAN.",
@@ -26,6 +36,19 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
+Interface = Annotated[
+    Optional[str],
+    typer.Option("-i", "--interface", help="python-can interface: socketcan, slcan... Default: the rig file's."),
+]
+Channel = Annotated[
+    Optional[str],
+    typer.Option("-c", "--channel", help="can0, /dev/ttyACM0, socket://127.0.0.1:29536... Default: the rig file's."),
+]
+Bitrate = Annotated[
+    Optional[int],
+    typer.Option("-b", "--bitrate", min=10_000, max=1_000_000, help="bit/s. Default: the rig file's."),
+]
+WithPumps = Annotated[bool, typer.Option("--with-pumps", help="Move pumps, too, a little. Stand by the rig.")]
 ScenarioFile = Annotated[Path, typer.Argument(metavar="SCENARIO.toml", help="The experiment; see config/scenarios.")]
 ConfigDir = Annotated[
     Optional[Path],
@@ -72,6 +95,11 @@ def _complain(what: str) -> int:
     return EXIT_BAD_INPUT
 
 
+def _interrupted(signal_name: str) -> int:
+    _complain(f"stopped by {signal_name}; the pump node was told 0 V")
+    return SIGNAL_EXIT_CODES[signal_name]
+
+
 def _version(value: bool) -> None:
     if value:
         typer.echo(f"hil {__version__}")
@@ -113,20 +141,9 @@ def simulate(
 @app.command()
 def run(
     scenario: ScenarioFile,
-    interface: Annotated[
-        Optional[str],
-        typer.Option("-i", "--interface", help="python-can interface: socketcan, slcan... Default: the rig file's."),
-    ] = None,
-    channel: Annotated[
-        Optional[str],
-        typer.Option(
-            "-c", "--channel", help="can0, /dev/ttyACM0, socket://127.0.0.1:29536... Default: the rig file's."
-        ),
-    ] = None,
-    bitrate: Annotated[
-        Optional[int],
-        typer.Option("-b", "--bitrate", min=10_000, max=1_000_000, help="bit/s. Default: the rig file's."),
-    ] = None,
+    interface: Interface = None,
+    channel: Channel = None,
+    bitrate: Bitrate = None,
     out: OutDir = None,
     duration: Duration = None,
     clear_trip: Annotated[
@@ -158,6 +175,58 @@ def run(
         figures, outcome = experiment.run_live(bench, options, address, watch)
     show.finish(console, folder, figures, with_report=report)
     raise typer.Exit(SIGNAL_EXIT_CODES.get(outcome.reason.partition(";")[0], EXIT_CODES[outcome.status]))
+
+
+@app.command()
+def doctor(
+    interface: Interface = None,
+    channel: Channel = None,
+    bitrate: Bitrate = None,
+    seconds: Annotated[
+        float, typer.Option("--seconds", metavar="S", min=1.0, max=600.0, help="How long to listen first.")
+    ] = 5.0,
+    with_pumps: WithPumps = False,
+    config: ConfigDir = None,
+) -> None:
+    """Check bus, nodes, sensors, watchdog and host before a run: what was found, what to do. Moves no pump unasked."""
+    from hil.cli import doctor as examination
+    from hil.doctor.probe import InterruptedByUserError
+
+    options = examination.Options(interface, channel, bitrate, seconds, with_pumps, config)
+    try:
+        raise typer.Exit(examination.run(Console(), options))
+    except InterruptedByUserError as error:
+        raise typer.Exit(_interrupted(str(error))) from None
+
+
+@app.command()
+def conformance(
+    interface: Interface = None,
+    channel: Channel = None,
+    bitrate: Bitrate = None,
+    node: Annotated[Node, typer.Option("--node", help="Which node to test.")] = Node.BOTH,
+    with_pumps: WithPumps = False,
+    power_cycle: Annotated[
+        float,
+        typer.Option(
+            "--power-cycle", metavar="S", min=0.0, max=600.0, help="Wait S seconds for a power cycle by hand."
+        ),
+    ] = 0.0,
+    json_file: Annotated[
+        Optional[Path],
+        typer.Option("--json", metavar="FILE", help="Write the results there, too; refused if it exists."),
+    ] = None,
+    config: ConfigDir = None,
+) -> None:
+    """Test the nodes on a bench against docs/firmware.md, as the emulator is tested. Moves no pump unasked."""
+    from hil.cli import conformance as examination
+    from hil.doctor.probe import InterruptedByUserError
+
+    options = examination.Options(interface, channel, bitrate, node.value, with_pumps, json_file, power_cycle, config)
+    try:
+        raise typer.Exit(examination.run(Console(), options))
+    except InterruptedByUserError as error:
+        raise typer.Exit(_interrupted(str(error))) from None
 
 
 @app.command()

@@ -113,9 +113,19 @@ class BusPort:
             messages.append(message)
         return messages
 
-    def send(self, frame_id: int, data: bytes, timestamp_s: float) -> bool:
-        """Send one frame now or not at all; whether it went out."""
-        message = can.Message(timestamp_s, frame_id, is_extended_id=False, data=data, is_rx=False)
+    def send(
+        self, frame_id: int, data: bytes, timestamp_s: float, *, is_extended: bool = False, is_remote: bool = False
+    ) -> bool:
+        """Send one frame now or not at all; whether it went out. A remote frame keeps the length of data only."""
+        message = can.Message(
+            timestamp_s,
+            frame_id,
+            is_extended_id=is_extended,
+            is_remote_frame=is_remote,
+            dlc=len(data),
+            data=None if is_remote else data,
+            is_rx=False,
+        )
         try:
             self._bus.send(message, timeout=0)
         except BUS_ERRORS as error:

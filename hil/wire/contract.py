@@ -46,13 +46,14 @@ class SignalLayout:
 
 @dataclass(frozen=True)
 class FrameSpec:
-    """One frame of ours. crc_start : the CRC register after its data id."""
+    """One frame of ours. crc_start : the CRC register after its data id. cycle_s : 0 when none sends it by itself."""
 
     name: str
     frame_id: int
     length: int
     crc_start: int
     signals: tuple[SignalLayout, ...]
+    cycle_s: float = 0.0
 
     def decode(self, data: bytes) -> Decoded | None:
         """Payload to signal values in units; None when one is out of its range.
@@ -155,7 +156,8 @@ def _spec(database: Database, name: str) -> FrameSpec:
     if not isinstance(data_id, int) or not 0 <= data_id <= 0xFFFF:
         raise ContractError(f"frame {name} has DataId {data_id!r}, want 0..65535")
     signals = tuple(_layout(name, signal) for signal in message.signals if signal.name in SIGNALS[name])
-    return FrameSpec(name, message.frame_id, message.length, crc_start(data_id), signals)
+    cycle_s = (message.cycle_time or 0) * 1e-3
+    return FrameSpec(name, message.frame_id, message.length, crc_start(data_id), signals, cycle_s)
 
 
 def _layout(frame: str, signal: Signal) -> SignalLayout:

@@ -64,6 +64,15 @@ def test_frame_delay_of_commands_reaches_the_pump_node_later():
     assert rig.truth().applied_V == (7.0, 7.0)
 
 
+def test_frame_delay_comes_out_though_nobody_commands():
+    """Delayed frames used to wait for the next command, however long that took."""
+    rig = rig_with()
+    rig.advance(SECOND)
+    rig.inject(fault("frame_delay", "PumpStatus", 0.1, at_s=0.0), rig.now_ns)
+    times_s = [f.timestamp for f in named(rig.advance(2 * SECOND), "PumpStatus")]
+    assert times_s == pytest.approx([1.15 + 0.05 * k for k in range(18)])
+
+
 def test_frame_duplicate():
     frames = named(drive(rig_with(fault("frame_duplicate", "PumpStatus")), 2.0), "PumpStatus", 1.0, 2.0)
     assert len(frames) == 40

@@ -1,0 +1,114 @@
+"""`hil doctor`: opens the bus, has the bench examined, shows the table. Exit code 4 when a check failed."""
+
+from __future__ import annotations
+
+import resource
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+
+from hil.cli import build, checks
+from hil.doctor.examination import Expectations, examine
+from hil.doctor.host import HostFacts, check_host
+from hil.doctor.link import LinkState, check_link
+from hil.doctor.probe import Probe
+from hil.doctor.result import Result, failed, has_failed, passed
+from hil.edge import host
+from hil.edge.bus import BusAddress, BusError, BusPort
+from hil.edge.clock import MonotonicClock, StopSignal
+from hil.edge.rig_file import Rig, load_rig
+from hil.edge.settings import default_config_dir
+from hil.wire.contract import Contract
+
+COMMANDS_S = 10
+LinkReader = Callable[[str], LinkState | None]
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the command line says; None: as the rig file has it."""
+
+    interface: str | None = None
+    channel: str | None = None
+    bitrate: int | None = None
+    seconds: float = 5.0
+    with_pumps: bool = False
+    config_dir: Path | None = None
+    runs: Path = Path("runs")
+
+
+def run(console: Console, options: Options, read_link: LinkReader = host.link) -> int:
+    """The examination; returns the exit code. Raises SettingsError, InterruptedByUserError."""
+    rig, contract, address = bench(options)
+    results = check_link(
+        read_link(address.channel) if address.interface == "socketcan" else None,
+        address.channel,
+        address.bitrate,
+        is_socketcan=address.interface == "socketcan",
+    )
+    console.print(f"Listening for {options.seconds:g} s, then some {COMMANDS_S} s of commands.", highlight=False)
+    results += examined(address, contract, expectations(rig), options)
+    results += check_host(host_facts(options.runs))
+    where = f"{address.interface} {address.channel}"
+    console.print(checks.table(f"hil doctor: {where}", results))
+    console.print(checks.tally(results), highlight=False)
+    return checks.EXIT_FAILED if has_failed(results) else 0
+
+
+def bench(options: Options) -> tuple[Rig, Contract, BusAddress]:
+    """Rig, contract and bus address; raises SettingsError."""
+    config_dir = options.config_dir or default_config_dir()
+    rig = load_rig(config_dir / "rig.toml")
+    contract = build.load_contract(config_dir / "bench.dbc")
+    bus = rig.bus
+    address = BusAddress(
+        options.interface or bus.interface, options.channel or bus.channel, options.bitrate or bus.bitrate
+    )
+    return rig, contract, address
+
+
+def examined(address: BusAddress, contract: Contract, wants: Expectations, options: Options) -> list[Result]:
+    """The bus opened, the bench examined, the bus closed."""
+    try:
+        bus = address.open(contract.ids)
+    except BusError as error:
+        return [failed("bus opens", str(error), "is the adapter plugged in, its driver loaded, the link up?")]
+    with closing(BusPort(bus)) as port, StopSignal() as stop:
+        probe = Probe(contract, port, MonotonicClock(), lambda: stop.received.name if stop.received else "")
+        with probe:
+            results = examine(probe, wants, options.seconds, with_pumps=options.with_pumps)
+    return [passed("bus opens", f"{address.interface} {address.channel} at {address.bitrate} bit/s"), *results]
+
+
+def expectations(rig: Rig) -> Expectations:
+    """What the rig file leads to expect of the bench."""
+    return Expectations(
+        model=rig.tank_model,
+        lag_s=rig.pumps.lag_s,
+        pump_range_V=rig.pumps.range_V,
+        rate_V_s=rig.pumps.rate_V_s,
+        sensor_range_V=rig.sensors.range_V,
+        noise_V=rig.sensors.noise_V,
+        level_max_cm=rig.safety.level_max_cm,
+        errors_per_s_max=rig.safety.errors_per_s_max,
+        echo_age_max_s=rig.safety.echo_age_max_s,
+        echo_tolerance_V=rig.safety.echo_tolerance_V,
+    )
+
+
+def host_facts(runs: Path) -> HostFacts:
+    """Of the computer that this runs on."""
+    free, folder = host.disk_free(runs)
+    return HostFacts(
+        clock_step_s=host.clock_step_s(),
+        rtprio=host.limit(resource.RLIMIT_RTPRIO),
+        memlock_bytes=host.limit(resource.RLIMIT_MEMLOCK),
+        is_nice=host.has_capability(host.CAP_SYS_NICE),
+        may_lock=host.has_capability(host.CAP_IPC_LOCK),
+        governors=host.governors(),
+        disk_free_bytes=free,
+        disk_folder=str(folder),
+    )

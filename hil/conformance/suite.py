@@ -1,0 +1,223 @@
+"""All conformance tests by name, in their order, and how a node fared. docs/firmware.md has what each asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+from hil.conformance import boot, commands, trips, voltages
+from hil.conformance.dialogue import Dialogue, Question
+from hil.core.types import NodeState, Pair
+from hil.doctor import watchdog
+from hil.doctor.frames import check_integrity, check_period
+from hil.doctor.nodes import check_contract
+from hil.doctor.observation import HEARTBEATS, LEVEL_FRAMES, STATUS, Observation
+from hil.doctor.probe import InterruptedByUserError, Probe, ProbeError
+from hil.doctor.result import Result, Verdict, failed, has_failed, not_checked, passed, warned
+from hil.doctor.sensors import check_range
+
+LISTEN_S = 5.0
+PERIOD_TOLERANCE = 0.05
+TRIES = 3
+STILL = 2.0
+SEE = "docs/firmware.md"
+
+COMMANDS: tuple[tuple[str, Question], ...] = (
+    ("takes valid commands", commands.takes_valid),
+    ("runs when enabled", commands.runs_when_enabled),
+    ("takes a newer counter", commands.takes_newer),
+    ("refuses a repeated counter", commands.refuses_repeated),
+    ("refuses an old counter", commands.refuses_old),
+    ("takes any counter after silence", commands.resynchronises),
+    ("refuses a wrong CRC", commands.refuses_wrong_crc),
+    ("refuses every flipped bit", commands.refuses_flipped_bits),
+    ("refuses another data id", commands.refuses_other_data_id),
+    ("refuses a wrong length", commands.refuses_wrong_length),
+    ("refuses an extended frame", commands.refuses_extended),
+    ("refuses a remote frame", commands.refuses_remote),
+    ("refuses a voltage out of range", commands.refuses_out_of_range),
+    ("ignores spare bits", commands.ignores_spare_bits),
+    ("needs no commands when ready", commands.stays_ready),
+)
+TRIPS: tuple[tuple[str, Question], ...] = (
+    ("watchdog is not fed by refused frames", trips.is_not_fed_by_refused),
+    ("trip is latched", trips.is_latched),
+    ("clearing needs rest", trips.clear_must_be_at_rest),
+    ("trip is cleared", trips.clears),
+    ("clearing is harmless when ready", trips.clear_is_harmless),
+)
+WITH_PUMPS: tuple[tuple[str, Question], ...] = (
+    ("applies what is commanded", voltages.applies),
+    ("refuses while running", voltages.refuses_while_running),
+    ("trips to 0 V", voltages.trips_to_zero),
+    ("never moves after a trip", voltages.never_moves_after_a_trip),
+)
+WATCHDOG, AT_ZERO, BOOTS = "watchdog after 250 ms", "waits at 0 V", "does not boot anew"
+POWER_CYCLE = "boots at 0 V"
+PUMP_FRAMES, LEVEL_NODE_FRAMES = (STATUS, HEARTBEATS["pump node"]), (*LEVEL_FRAMES, HEARTBEATS["level node"])
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What to test. sensor_range_V : of the rig file. power_cycle_s : how long to wait for one by hand; 0: don't."""
+
+    pump_node: bool
+    level_node: bool
+    with_pumps: bool
+    sensor_range_V: Pair
+    power_cycle_s: float = 0.0
+
+
+def run_suite(probe: Probe, plan: Plan, ask: Callable[[str], None] = lambda _: None) -> list[Result]:
+    """All results. ask : tells whoever stands there what to do. Raises InterruptedByUserError.
+
+    A bus that goes away is a result.
+    """
+    results: list[Result] = []
+    begin_ns = probe.now_ns
+    try:
+        heard = probe.listen(LISTEN_S)
+        if heard.of("PumpCommand"):
+            return [failed("alone on the bus", "somebody else commands the pump node", "stop the other controller")]
+        if plan.pump_node:
+            results += _listen(heard, "pump node", PUMP_FRAMES)
+            results += _ask_or_clear(probe, heard, with_pumps=plan.with_pumps)
+            results.append(_boots(probe.listener.observed(begin_ns, probe.now_ns), "pump node"))
+            if plan.power_cycle_s > 0.0:
+                ask(f"Switch the pump node off and on again, within {plan.power_cycle_s:g} s.")
+                results.append(_power_cycle(probe, plan.power_cycle_s))
+        if plan.level_node:
+            results += _listen(heard, "level node", LEVEL_NODE_FRAMES)
+            results += _levels(heard, plan.sensor_range_V)
+            results.append(_boots(probe.listener.observed(begin_ns, probe.now_ns), "level node"))
+    except ProbeError as error:
+        results.append(
+            failed(
+                "conformance test", f"broken off: {error}", "look at adapter, cable, node, and who else is on the bus"
+            )
+        )
+    return results
+
+
+def _listen(heard: Observation, node: str, frames: tuple[str, ...]) -> list[Result]:
+    """Periods, counters and CRCs of a node's frames, and its contract."""
+    results = []
+    for name in frames:
+        results += [check_period(heard, name, PERIOD_TOLERANCE), _whole(heard, name)]
+    return [*results, check_contract(heard, node, HEARTBEATS[node])]
+
+
+def _whole(heard: Observation, name: str) -> Result:
+    """CAN has a CRC of its own: a frame that ours refuses was sent like that. Lost ones may be the host's fault."""
+    result = check_integrity(heard, name)
+    is_wrong = result.verdict is Verdict.WARN and heard.refused(name).total() > 0
+    return failed(result.check, result.found, SEE) if is_wrong else result
+
+
+def _ask_or_clear(probe: Probe, heard: Observation, *, with_pumps: bool) -> list[Result]:
+    """Whoever interrupts it finds the node ready, at 0 V, and not in the midst of a trip."""
+    try:
+        return _ask(probe, heard, with_pumps=with_pumps)
+    except InterruptedByUserError:
+        probe.command(clear=True)
+        raise
+
+
+def _ask(probe: Probe, heard: Observation, *, with_pumps: bool) -> list[Result]:
+    """Everything that takes commands."""
+    results = [_waits(heard)]
+    if has_failed(results):
+        return [*results, not_checked("all that takes commands", "the pump node does not wait at 0 V")]
+    node = Dialogue(probe)
+    results += [_asked(node, name, question) for name, question in COMMANDS]
+    results.append(_watchdog(node))
+    results += [_asked(node, name, question) for name, question in TRIPS]
+    if with_pumps:
+        for name, question in WITH_PUMPS:
+            if has_failed(results):
+                results.append(not_checked(name, "no pump is moved after a failed test"))
+            else:
+                results.append(_asked(node, name, question))
+    node.settle()
+    return results
+
+
+def _power_cycle(probe: Probe, within_s: float) -> Result:
+    """Off and on again: it boots at 0 V with the next boot count and nothing accepted, and waits to be commanded."""
+    wrong = boot.boots_at_rest(probe, within_s)
+    return failed(POWER_CYCLE, wrong, SEE) if wrong else passed(POWER_CYCLE, "as it must")
+
+
+def _asked(node: Dialogue, name: str, question: Question) -> Result:
+    """Ask; and again when host, bus or node stood still meanwhile, which spoils what is meant to come in time."""
+    wrong = ""
+    for number in range(TRIES):
+        begin_ns = node.probe.now_ns
+        wrong = question(node) if node.settle() else "the node can't be brought to ready"
+        if not wrong and number:
+            found = f"as it must at try {number + 1}; status frames stood still before that"
+            return warned(name, found, "a busy host or bus, or the node itself: look again")
+        if not wrong:
+            return passed(name, "as it must")
+        if not _stood_still(node.probe.listener.observed(begin_ns, node.probe.now_ns)):
+            return failed(name, wrong, SEE)
+    return failed(name, f"{wrong} (status frames came unevenly, {TRIES} times)", SEE)
+
+
+def _stood_still(seen: Observation) -> bool:
+    """Whether more than two status periods passed without a status frame."""
+    cycle_ns = seen.contract.frames[STATUS].cycle_s * 1e9
+    times_ns = [seen.begin_ns, *(status.t_ns for status in seen.of(STATUS)), seen.end_ns]
+    return max(b - a for a, b in pairwise(times_ns)) > STILL * cycle_ns
+
+
+def _watchdog(node: Dialogue) -> Result:
+    if not node.settle():
+        return failed(WATCHDOG, "the node can't be brought to ready", SEE)
+    return watchdog.check_watchdog(watchdog.measure(node.probe), WATCHDOG)
+
+
+def _waits(heard: Observation) -> Result:
+    """Ready or tripped, both outputs at 0 V, in every status frame."""
+    statuses = heard.of(STATUS)
+    if not statuses:
+        return failed(AT_ZERO, "no PumpStatus", SEE)
+    states = {NodeState(int(status.values["State"])) for status in statuses}
+    highest_V = max(max(status.values["Applied1"], status.values["Applied2"]) for status in statuses)
+    found = f"{', '.join(sorted(state.name.lower() for state in states))}, at most {highest_V:.4g} V"
+    if highest_V > 0.0 or not states <= {NodeState.BOOT, NodeState.READY, NodeState.TRIPPED}:
+        return failed(AT_ZERO, found, SEE)
+    return passed(AT_ZERO, found)
+
+
+def _boots(seen: Observation, node: str) -> Result:
+    """One boot count all the time."""
+    name = f"{node} {BOOTS}"
+    counts = [int(beat.values["BootCount"]) for beat in seen.of(HEARTBEATS[node])]
+    if not counts:
+        return failed(name, "no heartbeat", SEE)
+    if len(set(counts)) > 1:
+        return failed(name, f"boot count went from {counts[0]} to {counts[-1]}", SEE)
+    return passed(name, f"boot count {counts[0]} in {len(counts)} heartbeats")
+
+
+def _levels(heard: Observation, range_V: Pair) -> list[Result]:
+    """The level node runs; each reading is in range and its channel's status says so."""
+    beat = heard.last(HEARTBEATS["level node"])
+    state = None if beat is None else NodeState(int(beat.values["State"]))
+    word = "no heartbeat" if state is None else state.name.lower()
+    runs = passed("level node runs", word) if state is NodeState.RUN else failed("level node runs", word, SEE)
+    results = [runs]
+    for name, tanks in LEVEL_FRAMES.items():
+        for tank in tanks:
+            arrivals = heard.of(name)
+            readings_V = [arrival.values[f"Level{tank}"] for arrival in arrivals]
+            statuses = [int(arrival.values[f"Status{tank}"]) for arrival in arrivals]
+            results.append(check_range(tank, readings_V, statuses, range_V))
+    return results
+
+
+def conforms(results: list[Result]) -> bool:
+    """Whether nothing has failed and nothing was left out."""
+    return all(result.verdict in (Verdict.PASS, Verdict.WARN) for result in results)

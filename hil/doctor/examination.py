@@ -1,0 +1,91 @@
+"""The whole examination of a bench: listen first, then command 0 V, and move pumps only if asked to.
+
+Nothing is sent to a pump node that somebody else commands, that applies a voltage, or that is not heard.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hil.core.tanks import TankModel
+from hil.core.types import NodeState, Pair
+from hil.doctor import echo, ramp, watchdog
+from hil.doctor.frames import check_frames, check_strangers
+from hil.doctor.nodes import check_nodes, is_free
+from hil.doctor.observation import STATUS, Observation
+from hil.doctor.probe import Probe, ProbeError
+from hil.doctor.result import Result, failed, has_failed, not_checked
+from hil.doctor.sensors import check_sensors
+
+
+@dataclass(frozen=True, slots=True)
+class Expectations:
+    """What the rig file says of the bench. pump_range_V, rate_V_s : of commands. lag_s : of the pumps."""
+
+    model: TankModel
+    lag_s: float
+    pump_range_V: Pair
+    rate_V_s: float
+    sensor_range_V: Pair
+    noise_V: float
+    level_max_cm: float
+    errors_per_s_max: int
+    echo_age_max_s: float
+    echo_tolerance_V: float
+
+
+def examine(probe: Probe, wants: Expectations, seconds: float, *, with_pumps: bool = False) -> list[Result]:
+    """All results, in the order of the table. Raises InterruptedByUserError; a bus that goes away is a result."""
+    results: list[Result] = []
+    try:
+        observation = probe.listen(seconds)
+        results += check_strangers(observation, wants.errors_per_s_max)
+        results += check_nodes(observation)
+        results += check_frames(observation)
+        results += check_sensors(observation, wants.sensor_range_V, wants.noise_V)
+        _command(probe, wants, observation, results)
+        if with_pumps:
+            _move(probe, wants, results)
+    except ProbeError as error:
+        results.append(
+            failed("examination", f"broken off: {error}", "look at adapter, cable, link, and who else is on the bus")
+        )
+    return results
+
+
+def _command(probe: Probe, wants: Expectations, observation: Observation, results: list[Result]) -> None:
+    """Watchdog and echoes, with commands of 0 V."""
+    status = observation.last(STATUS)
+    if not is_free(observation) or status is None:
+        why = "nothing is sent: the pump node does not wait for our commands"
+        results += [watchdog.unchecked(why), not_checked("echo latency", why)]
+        return
+    if NodeState(int(status.values["State"])) is NodeState.TRIPPED:
+        results.append(watchdog.unchecked("the pump node has tripped already: clear it first"))
+    else:
+        results.append(watchdog.check_watchdog(watchdog.measure(probe)))
+    cycle_s = observation.contract.frames[STATUS].cycle_s
+    results.append(echo.check_echo(echo.measure(probe, wants.echo_age_max_s), cycle_s, wants.echo_age_max_s))
+
+
+def _move(probe: Probe, wants: Expectations, results: list[Result]) -> None:
+    """Each pump in turn; none after anything has failed."""
+    for pump in (0, 1):
+        status = probe.listener.newest(STATUS)
+        if has_failed(results):
+            results += ramp.unchecked("no pump is moved after a failed check", "mend what failed and look again")
+            return
+        if status is None or NodeState(int(status.values["State"])) is not NodeState.READY:
+            results += ramp.unchecked("the pump node is not ready", "clear its trip first: hil run --clear-trip")
+            return
+        top_V, rate_V_s = ramp.TOP_V, ramp.TOP_V / ramp.RISE_S
+        if not wants.pump_range_V[0] <= top_V <= wants.pump_range_V[1] or rate_V_s > wants.rate_V_s:
+            why = f"a ramp to {top_V:g} V at {rate_V_s:g} V/s is beyond pumps.range_V or rate_V_s of rig.toml"
+            results += ramp.unchecked(why, "")
+            return
+        level_cm = ramp.levels_cm(probe.listen(ramp.REST_S), wants.model.level_gain_V_cm)
+        if not ramp.may_move(level_cm, wants.level_max_cm):
+            results += ramp.unchecked("a tank is nearly full", "let it run empty first")
+            return
+        done = ramp.run(probe, pump, wants.model.level_gain_V_cm, wants.lag_s)
+        results += ramp.check_ramp(done, wants.model, wants.echo_tolerance_V)

@@ -1,0 +1,111 @@
+"""A bench in lockstep: the emulator at the far end of a virtual bus, one simulated clock for both.
+
+Waiting for a frame moves the clock on, to the next thing that happens at the rig.
+"""
+
+import itertools
+from functools import lru_cache
+from pathlib import Path
+
+import can
+
+from firmware_sim import settings as emulator_settings
+from firmware_sim.faults.catalogue import KINDS
+from firmware_sim.ports import BusPort as EmulatorPort
+from firmware_sim.rig import Rig
+from hil.cli import build
+from hil.cli.doctor import expectations
+from hil.doctor.examination import examine
+from hil.doctor.probe import Probe
+from hil.edge.bus import BusPort
+from hil.edge.rig_file import load_rig
+
+CONFIG = Path(__file__).resolve().parents[2] / "config"
+RIG = load_rig(CONFIG / "rig.toml")
+WANTS = expectations(RIG)
+BOOTED_NS = 1_000_000_000
+_channels = itertools.count()
+
+
+@lru_cache(maxsize=1)
+def contract():
+    return build.load_contract(CONFIG / "bench.dbc")
+
+
+def fault(kind, target=None, value=None, *, at_s=0.0, until_s=None):
+    given = {"target": target, "value": value, "until_s": until_s}
+    return KINDS[kind].model_validate({"kind": kind, "at_s": at_s} | {k: v for k, v in given.items() if v is not None})
+
+
+class LockstepBench:
+    """Port and clock of a probe in one. overlay : keys over emulator.toml, table by table. rig : a class like Rig."""
+
+    def __init__(self, *, overlay=None, fingerprint=None, seed=1, rig=Rig):
+        base, _ = emulator_settings.load(CONFIG / "emulator.toml")
+        values = base.model_dump()
+        for table, keys in (overlay or {}).items():
+            values[table] |= keys
+        settings = type(base).model_validate(values)
+        self.changes = []
+        print_of = contract().fingerprint if fingerprint is None else fingerprint
+        self.rig = rig(settings, (), seed, print_of, self.changes.append)
+        channel = f"doctor {next(_channels)}"
+        made = {"interface": "virtual", "channel": channel, "preserve_timestamps": True, "ignore_config": True}
+        self._ours, self._theirs = can.Bus(**made), can.Bus(**made)
+        self.port = BusPort(self._ours)
+        self._far = EmulatorPort(self.rig, self._theirs)
+        self._now_ns = 0
+        self.sent = []
+        self.is_up, self.last_error = True, ""
+        self._wait(BOOTED_NS)
+        self.port.waiting()
+
+    def now_ns(self):
+        return self._now_ns
+
+    def receive(self, timeout_s):
+        deadline_ns = self._now_ns + max(1, round(timeout_s * 1e9))
+        while (frame := self.port.receive(0.0)) is None and self._now_ns < deadline_ns:
+            self._wait(min(deadline_ns, max(self.rig.next_event_ns, self._now_ns + 1)))
+        return frame
+
+    def send(self, frame_id, data, timestamp_s, **kind):
+        self.sent.append((self._now_ns, frame_id, data))
+        is_sent = self.port.send(frame_id, data, timestamp_s, **kind)
+        self._far.read(self._now_ns)
+        return is_sent
+
+    def inject(self, *faults):
+        for one in faults:
+            self.rig.inject(one, self._now_ns)
+        return self
+
+    def _wait(self, until_ns):
+        self._now_ns = until_ns
+        self._far.step(until_ns)
+
+    @property
+    def pump(self):
+        return self.rig.pump
+
+    @property
+    def highest_voltage(self):
+        """The most that the pump node has ever put out."""
+        return max((max(change.applied_V) for change in self.changes if change.node == "pump"), default=0.0)
+
+    def probe(self, stop_reason=lambda: ""):
+        return Probe(contract(), self, self, stop_reason)
+
+    def close(self):
+        self._ours.shutdown()
+        self._theirs.shutdown()
+
+
+def examined(bench, seconds=3.0, *, with_pumps=False):
+    """Results by name; the bench is closed."""
+    try:
+        with bench.probe() as probe:
+            results = examine(probe, WANTS, seconds, with_pumps=with_pumps)
+        return {result.check: result for result in results}
+    finally:
+        bench.close()

@@ -1,0 +1,274 @@
+"""The rig's documents say what the code and the DBC say."""
+
+import ast
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+from can import Message
+from crccheck.crc import Crc8Autosar
+from doctor_bench import contract, examined
+
+import firmware_sim.cli
+from firmware_sim.pump_node import PumpNode
+from firmware_sim.wire import COUNTER_STEP_MAX, parse_command
+from firmware_sim.wire import Rejection as NodeRejection
+from hil.cli import app, campaign, checks
+from hil.conformance import suite
+from hil.core.interlocks import INTERLOCKS
+from hil.core.types import TripCause
+from hil.doctor import echo, frames, host, ramp, sensors, watchdog
+from hil.doctor.host import check_host
+from hil.doctor.link import check_link
+from hil.wire.checks import LARGEST_COUNTER_STEP, FrameCheck, Rejection
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / "docs"
+GOLDEN = tomllib.loads((ROOT / "tests/golden/frames.toml").read_text())
+
+
+def tables(name):
+    """Every table of a document: its heading, and its rows as cells."""
+    found, heading, rows = [], (), []
+    for line in [*(DOCS / name).read_text().splitlines(), ""]:
+        cells = tuple(cell.strip() for cell in line.strip().strip("|").split("|")) if line.startswith("|") else None
+        if cells is None:
+            if heading:
+                found.append((heading, rows))
+            heading, rows = (), []
+        elif not heading:
+            heading = cells
+        elif set("".join(cells)) - set("-:"):
+            rows.append(cells)
+    return found
+
+
+def rows_of(name, *heading):
+    return next(rows for head, rows in tables(name) if head[: len(heading)] == heading)
+
+
+def plain(cell):
+    return cell.strip("`")
+
+
+def database():
+    import cantools
+
+    return cantools.database.load_file(str(ROOT / "config/bench.dbc"), cache_dir=None)
+
+
+def test_every_cause_of_a_trip_is_explained_once():
+    assert [plain(row[0]) for row in rows_of("operating.md", "cause")] == [cause.value for cause in TripCause]
+    assert {interlock.cause for interlock in INTERLOCKS} <= set(TripCause)
+
+
+def test_settings_named_for_a_trip_are_the_rig_file_s():
+    rig = tomllib.loads((ROOT / "config/rig.toml").read_text())
+    for _, what, _ in rows_of("operating.md", "cause"):
+        section = ""
+        for name in re.findall(r"`([a-zA-Z_.]+)(?: = [^`]*)?`", what):
+            section, _, key = name.rpartition(".") if "." in name else (section, "", name)
+            if section == "bench":
+                continue  # bench.dbc
+            assert key in rig[section], f"{name} in {what!r}"
+
+
+def event_codes():
+    """Second argument of every Event(...) in hil, by its source."""
+    codes = set()
+    for file in (ROOT / "hil").rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            is_event = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Event"
+            if is_event and len(node.args) > 1:
+                assert isinstance(node.args[1], ast.Constant), f"{file}:{node.lineno}"
+                codes.add(node.args[1].value)
+    return codes
+
+
+def test_every_event_code_is_explained_once():
+    explained = [plain(row[0]) for row in rows_of("operating.md", "code")]
+    assert len(explained) == len(set(explained))
+    assert set(explained) == event_codes()
+
+
+def test_every_exit_code_is_explained_once():
+    explained = [(plain(row[0]), int(row[1])) for row in rows_of("operating.md", "program")]
+    of_hil = {0, app.EXIT_BAD_INPUT, campaign.EXIT_BROKEN, checks.EXIT_FAILED}
+    of_hil |= {*app.EXIT_CODES.values(), *app.SIGNAL_EXIT_CODES.values()}
+    of_emulator = {0, firmware_sim.cli.FAILED, firmware_sim.cli.BAD_INPUT}
+    assert len(explained) == len(set(explained))
+    assert set(explained) == {("hil", c) for c in of_hil} | {("firmware-sim", c) for c in of_emulator}
+
+
+def test_frames_are_the_dbc_s():
+    rows = rows_of("wire.md", "frame", "identifier")
+    assert {plain(row[0]) for row in rows} == {message.name for message in database().messages}
+    senders = {"controller": "CONTROLLER", "pump node": "PUMPS", "level node": "LEVELS"}
+    for name, frame_id, length, sender, every, data_id in rows:
+        message = database().get_message_by_name(plain(name))
+        assert (message.frame_id, message.length) == (int(frame_id, 16), int(length))
+        assert message.senders == [senders[sender]]
+        assert every == (f"{message.cycle_time} ms" if message.cycle_time else "control step")
+        assert message.dbc.attributes["DataId"].value == int(data_id, 16)
+
+
+def test_signals_are_the_dbc_s():
+    rows = rows_of("wire.md", "frame", "signal")
+    listed = [(plain(row[0]), plain(row[1])) for row in rows]
+    signals = {(message.name, signal.name): signal for message in database().messages for signal in message.signals}
+    assert len(listed) == len(set(listed))
+    assert set(listed) == set(signals)
+    for frame, name, bits, step, span, meaning in rows:
+        signal = signals[plain(frame), plain(name)]
+        last = f"..{signal.start + signal.length - 1}" if signal.length > 1 else ""
+        unit = f" {signal.unit}" if signal.unit else ""
+        assert bits == f"{signal.start}{last}"
+        assert step == f"{signal.scale:g}{unit}"
+        assert span == f"0..{signal.maximum:.10g}{unit}"
+        numbered = dict(re.findall(r"(\d) ([a-z]+(?: range)?)", meaning))
+        if signal.choices and numbered:
+            words = {str(k): str(v).lower().replace("range", " range") for k, v in signal.choices.items()}
+            assert numbered.items() <= words.items(), meaning
+
+
+def test_golden_vectors_in_the_document_are_those_of_the_file():
+    rows = [
+        (int(row[0], 16), plain(row[1]), row[3]) for row in rows_of("firmware.md", "identifier", "bytes", "carries")
+    ]
+    assert rows == [(golden["id"], golden["data"], golden["about"]) for golden in GOLDEN["frame"]]
+    for row, golden in zip(rows_of("firmware.md", "identifier", "bytes", "carries"), GOLDEN["frame"], strict=True):
+        told = dict(part.split() for part in row[2].split(", "))
+        assert {name: float(int(v, 16) if v.startswith("0x") else float(v)) for name, v in told.items()} == {
+            name: pytest.approx(value) for name, value in golden["values"].items()
+        }
+
+
+def test_refused_vectors_in_the_document_are_those_of_the_file():
+    rows = [(int(r[0], 16), plain(r[1]), r[2], r[3]) for r in rows_of("firmware.md", "identifier", "bytes", "why")]
+    assert rows == [(golden["id"], golden["data"], golden["why"], golden["about"]) for golden in GOLDEN["refused"]]
+
+
+@pytest.mark.parametrize("golden", GOLDEN["refused"], ids=lambda golden: golden["about"])
+def test_refused_vectors_are_refused_by_both_twins_and_for_that_reason(golden):
+    data, spec = bytes.fromhex(golden["data"]), contract().frames["PumpCommand"]
+    frame = Message(arbitration_id=golden["id"], data=data, is_extended_id=False)
+    check = FrameCheck(spec, counter=0, accepted_ns=1)
+    assert check.admit(frame, 2) is Rejection(golden["why"])
+    node_s = parse_command(frame)
+    if golden["why"] in ("duplicate", "old"):
+        node_s = PumpNode._judge_counter(_after_counter_zero(), node_s.counter, 2)
+    assert node_s is NodeRejection(golden["why"])
+
+
+def _after_counter_zero():
+    from doctor_bench import LockstepBench
+
+    bench = LockstepBench()
+    bench.pump._last = (0, 1)
+    bench.close()
+    return bench.pump
+
+
+def test_the_crc_by_bits_is_the_document_s():
+    """The pseudo code, taken at its word."""
+    text = (DOCS / "firmware.md").read_text()
+    assert "(crc << 1) xor 0x2F if its top bit is set" in text
+
+    def crc(data):
+        register = 0xFF
+        for byte in data:
+            register ^= byte
+            for _ in range(8):
+                register = (register << 1 ^ (0x2F if register & 0x80 else 0)) & 0xFF
+        return register ^ 0xFF
+
+    data_ids = {int(row[1], 16): int(row[5], 16) for row in rows_of("wire.md", "frame", "identifier")}
+    for golden in GOLDEN["frame"]:
+        *body, last = bytes.fromhex(golden["data"])
+        whole = data_ids[golden["id"]].to_bytes(2, "little") + bytes(body)
+        assert crc(whole) == last == Crc8Autosar.calc(whole)
+
+
+def test_every_conformance_test_is_explained_in_its_order(monkeypatch):
+    from nodes_bench import tried
+
+    explained = [name for row in rows_of("firmware.md", "test") for name in re.findall(r"`([^`]+)`", row[0])]
+    results, _ = tried(monkeypatch, PumpNode, with_pumps=True, level_node=True)
+    assert len(explained) == len(set(explained))
+    assert set(explained) == {*results, suite.POWER_CYCLE}
+    names = [name for name, _ in (*suite.COMMANDS, *suite.TRIPS, *suite.WITH_PUMPS)]
+    assert [name for name in explained if name in names] == names
+
+
+def test_times_are_the_code_s():
+    by_frame = {
+        "`LowerLevels`, `UpperLevels`": "LowerLevels",
+        "`PumpStatus`": "PumpStatus",
+        "heartbeats, from power-up on": "PumpHeartbeat",
+    }
+    rows = {row[0]: row for row in rows_of("firmware.md", "what")}
+    for what, name in by_frame.items():
+        cycle_ms = contract().frames[name].cycle_s * 1e3
+        assert rows[what][1:] == (
+            f"every {cycle_ms:g} ms",
+            f"{suite.PERIOD_TOLERANCE:.0%} in the mean".replace("%", " %"),
+        )
+    assert rows["watchdog"][1] == f"{watchdog.WATCHDOG_S * 1e3:g} ms after the last accepted command"
+    assert rows["watchdog"][2] == f"{watchdog.TOLERANCE_S * 1e3:g} ms"
+    assert COUNTER_STEP_MAX == LARGEST_COUNTER_STEP == 8
+
+
+@pytest.mark.parametrize("name", ["wire.md", "operating.md", "firmware.md"])
+def test_links_between_the_documents_lead_somewhere(name):
+    for target in re.findall(r"\]\(([^)]+)\)", (DOCS / name).read_text()):
+        path, _, anchor = target.partition("#")
+        file = DOCS / path if path else DOCS / name
+        assert file.exists(), target
+        if anchor:
+            headings = re.findall(r"^#+ (.*)$", file.read_text(), re.MULTILINE)
+            assert anchor in [heading.lower().replace(" ", "-") for heading in headings], target
+
+
+def test_every_check_of_the_doctor_is_explained_once():
+    from doctor_bench import LockstepBench
+    from test_doctor_host import GOOD
+
+    explained = [name for row in rows_of("operating.md", "check") for name in re.findall(r"`([^`]+)`", row[0])]
+    made = set(examined(LockstepBench(), with_pumps=True)) | {result.check for result in check_host(GOOD)}
+    made |= {result.check for result in check_link(None, "can0", 500_000, is_socketcan=False)}
+    assert len(explained) == len(set(explained))
+    assert set(explained) == made | {"bus opens", "pumps", "examination"}
+
+
+def test_limits_of_the_doctor_are_the_code_s():
+    text = " ".join((DOCS / "operating.md").read_text().split())
+    assert (
+        f"within {frames.PERIOD_WARN:.0%}; warns beyond, or of a jitter above {frames.JITTER_WARN:.0%}".replace(
+            "%", " %"
+        )
+        in text
+    )
+    assert (
+        f"off by more than {frames.PERIOD_FAIL:.0%}, or fewer than {frames.FEWEST_FRAMES} came".replace("%", " %")
+        in text
+    )
+    assert f"| {frames.LOSS_FAIL:.0%} or more |".replace("%", " %") in text
+    assert f"{sensors.QUIET_WARN:g} to {sensors.NOISE_WARN:g} times" in text
+    assert f"above {sensors.NOISE_FAIL:g} times" in text
+    assert f"after the last command, within {watchdog.TOLERANCE_S * 1e3:g} ms" in text
+    assert f"PumpStatus' period and {echo.MARGIN_S * 1e3:g} ms" in text
+    assert f"{ramp.RESPONSE_LOW:g} to {ramp.RESPONSE_HIGH:g} times what rig.toml says" in text
+    assert f"less than {ramp.NO_RESPONSE:g} times" in text
+    assert f"gives each pump {ramp.TOP_V:g} V for {ramp.HOLD_S:g} s" in text
+    assert f"{host.LOCKED_BYTES / 2**20:g} MiB or more" in text
+    assert f"less than {host.DISK_FAIL_BYTES / 2**20:g} MiB" in text
+    assert host.DISK_WARN_BYTES == 2**30
+
+
+def test_the_checks_named_in_advice_exist():
+    """The doctor sends people to these documents; they are there."""
+    from doctor_bench import LockstepBench
+
+    results = examined(LockstepBench(overlay={"nodes": {"watchdog_s": 0.5}}))
+    assert "docs/firmware.md" in results["watchdog"].advice

@@ -1,0 +1,133 @@
+"""Doctor and conformance check as commands, against the emulator in a process of its own; refusals of bad input."""
+
+import json
+import signal
+import socket
+import subprocess
+import time
+
+import pytest
+from cli_bench import BIN, CommandLine, assert_refused
+from live_bench import emulator, hil, wait_for
+
+LONG_S = 120.0
+
+
+@pytest.fixture
+def command_line(monkeypatch, capfd, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    return CommandLine(monkeypatch, capfd)
+
+
+def row(text, check):
+    return next(line for line in text.splitlines() if check in line)
+
+
+@pytest.mark.live
+def test_the_emulator_is_found_fit_without_moving_a_pump_and_left_as_it_was(tmp_path):
+    with emulator(tmp_path / "node.jsonl") as node:
+        done = hil("doctor", "-i", "slcan", "-c", node.channel, "--seconds", "2")
+        assert done.returncode == 0, done.stdout + done.stderr
+        for check in ("bus opens", "pump node contract", "pump node at rest", "sensor 1 range"):
+            assert " pass " in row(done.stdout, check), done.stdout
+        for check in ("watchdog", "echo latency"):  # a busy machine may make them warn
+            assert row(done.stdout, check).split("│")[2].strip() in ("pass", "warn"), done.stdout
+        assert " not checked " in row(done.stdout, "link state")
+        assert not node.has_ever_applied()
+        causes = [change["cause"] for change in node.pump()]
+        assert causes.count("watchdog") == causes.count("cleared") >= 5
+        assert node.pump()[-1]["state"] == "ready"
+        trips_s = [
+            (b["t_s"] - a["t_s"])
+            for a, b in zip(node.pump(), node.pump()[1:], strict=False)
+            if b["cause"] == "watchdog"
+        ]
+        assert all(trip_s >= 0.25 for trip_s in trips_s)
+
+
+@pytest.mark.live
+def test_a_bench_that_is_not_fit_is_told_and_why(tmp_path):
+    with emulator(tmp_path / "node.jsonl", "--control", tmp_path / "control") as node:
+        node.process.stdout.readline()
+
+        with socket.socket(socket.AF_UNIX) as control:
+            control.connect(str(tmp_path / "control"))
+            control.sendall(b"failure level off -i 2\n")
+            assert control.recv(100).startswith(b"ok")
+        done = hil("doctor", "-i", "slcan", "-c", node.channel, "--seconds", "2")
+        assert done.returncode == 4, done.stdout + done.stderr
+        assert " fail " in row(done.stdout, "sensor 2 range")
+        assert "open or short" in done.stdout
+
+
+@pytest.mark.live
+def test_ctrl_c_ends_the_doctor_with_the_node_ready_at_zero(tmp_path):
+    with emulator(tmp_path / "node.jsonl") as node:
+        command = [BIN / "hil", "doctor", "-i", "slcan", "-c", node.channel, "--seconds", "1", "--with-pumps"]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        try:
+            wait_for(node.has_ever_applied, timeout_s=60.0)
+            process.send_signal(signal.SIGINT)
+            _, err = process.communicate(timeout=10.0)
+        finally:
+            process.kill()
+        assert process.returncode == 130
+        assert err == "hil: stopped by SIGINT; the pump node was told 0 V\n"
+        wait_for(lambda: node.pump()[-1]["applied_V"] == [0.0, 0.0])
+        time.sleep(0.4)
+        assert (node.pump()[-1]["state"], node.pump()[-1]["cause"]) == ("ready", "disabled")
+
+
+@pytest.mark.live
+def test_the_emulator_conforms_as_a_process(tmp_path):
+    file = tmp_path / "told.json"
+    with emulator(tmp_path / "node.jsonl") as node:
+        done = subprocess.run(
+            [BIN / "hil", "conformance", "-i", "slcan", "-c", node.channel, "--json", file],
+            capture_output=True,
+            text=True,
+            timeout=LONG_S,
+            check=False,
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert not node.has_ever_applied()
+        assert node.pump()[-1]["state"] == "ready"
+    told = json.loads(file.read_text())
+    assert told["conforms"] is True
+    assert {result["verdict"] for result in told["results"]} <= {"pass", "warn"}
+
+
+def test_a_bus_that_cannot_be_opened_is_a_failed_check_with_the_host_s_beside_it(command_line):
+    result = command_line("hil", "doctor", "-i", "slcan", "-c", "socket://127.0.0.1:1")
+    assert result.code == 4
+    assert " fail " in row(result.out, "bus opens")
+    assert "disk space" in result.out
+
+
+def test_a_socketcan_link_that_is_not_there_is_a_failed_check(command_line):
+    result = command_line("hil", "doctor", "-i", "socketcan", "-c", "can97")
+    assert result.code == 4
+    assert " fail " in row(result.out, "link state")
+    assert "ip link set can97 up type can bitrate 500000" in " ".join(result.out.replace("│", " ").split())
+
+
+def test_conformance_of_a_bus_that_cannot_be_opened_is_refused(command_line):
+    assert_refused(command_line("hil", "conformance", "-i", "slcan", "-c", "socket://127.0.0.1:1"), "slcan", "500000")
+
+
+def test_no_json_is_overwritten(command_line, tmp_path):
+    file = tmp_path / "told.json"
+    file.write_text("mine")
+    assert_refused(command_line("hil", "conformance", "--json", file), "--json", file, "exists already")
+    assert file.read_text() == "mine"
+    assert_refused(command_line("hil", "conformance", "--json", tmp_path / "no/x.json"), "--json", "no folder")
+
+
+@pytest.mark.parametrize("seconds", ["0.5", "-1", "nan", "4000"])
+def test_listening_time_has_a_range(command_line, seconds):
+    assert_refused(command_line("hil", "doctor", "--seconds", seconds), "--seconds")
+
+
+def test_a_bad_rig_file_is_refused_before_the_bus_is_opened(command_line, tmp_path):
+    assert_refused(command_line("hil", "doctor", "--config", tmp_path), "rig.toml", "can't be read")
+    assert_refused(command_line("hil", "conformance", "--config", tmp_path), "rig.toml", "can't be read")
