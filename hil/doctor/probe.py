@@ -6,7 +6,7 @@ Nothing is sent by itself or repeated; a bench that is only listened to gets no 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol
 
 from hil.core.types import Pair
 from hil.doctor.observation import COMMAND, STATUS, Arrival, Listener, Observation
@@ -30,6 +30,10 @@ class Port(Protocol):
 
     def receive(self, timeout_s: float) -> Frame | None:
         """The next frame, or None after timeout_s or a failure."""
+        ...
+
+    def arrived_ns(self, message: Any, now_ns: int) -> int:
+        """When a frame came, on the monotonic clock: the kernel's stamp where there is one, else now."""
         ...
 
     def send(
@@ -119,7 +123,7 @@ class Probe:
             if not self._port.is_up:
                 raise ProbeError(self._port.last_error or "the bus is gone")
             return False, None
-        arrival = self.listener.take(frame, self.now_ns)
+        arrival = self.listener.take(frame, self._port.arrived_ns(frame, self.now_ns))
         if arrival is not None and arrival.name == COMMAND and self._has_sent:
             raise ProbeError("somebody else commands the pump node")
         return True, arrival

@@ -1,4 +1,4 @@
-"""Reads facts of the computer: clock, limits, governors, disk, and what /sys says of a network link."""
+"""Reads facts of the computer: clock, limits, governors, disk."""
 
 from __future__ import annotations
 
@@ -6,23 +6,10 @@ import resource
 import shutil
 import time
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 GOVERNORS = "devices/system/cpu/cpu*/cpufreq/scaling_governor"
-IFF_UP = 1
 CAP_IPC_LOCK, CAP_SYS_NICE = 14, 23
-
-
-@dataclass(frozen=True, slots=True)
-class Link:
-    """A link by /sys: bit rate and restart-ms aren't told there."""
-
-    name: str
-    is_up: bool
-    state: str
-    bitrate: int | None = None
-    restart_ms: int | None = None
 
 
 def clock_step_s() -> float:
@@ -61,15 +48,3 @@ def disk_free(folder: Path) -> tuple[int, Path]:
     while not folder.exists():
         folder = folder.parent
     return shutil.disk_usage(folder).free, folder
-
-
-def link(name: str, sys_folder: Path = Path("/sys")) -> Link | None:
-    """The network link of that name, or None."""
-    folder = sys_folder / "class" / "net" / name
-    try:
-        flags = int((folder / "flags").read_text(encoding="ascii"), 16)
-        state = (folder / "operstate").read_text(encoding="ascii").strip()
-    except (OSError, ValueError):
-        return None
-    is_up = bool(flags & IFF_UP)
-    return Link(name, is_up, "up" if is_up and state == "unknown" else state)

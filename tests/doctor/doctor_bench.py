@@ -69,6 +69,9 @@ class LockstepBench:
             self._wait(min(deadline_ns, max(self.rig.next_event_ns, self._now_ns + 1)))
         return frame
 
+    def arrived_ns(self, message, now_ns):
+        return self.port.arrived_ns(message, now_ns)
+
     def send(self, frame_id, data, timestamp_s, **kind):
         self.sent.append((self._now_ns, frame_id, data))
         is_sent = self.port.send(frame_id, data, timestamp_s, **kind)

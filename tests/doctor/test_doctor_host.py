@@ -6,6 +6,7 @@ from math import inf
 
 import pytest
 
+from hil.cli.doctor import kernel_link
 from hil.doctor.host import HostFacts, check_host
 from hil.doctor.link import check_link
 from hil.doctor.result import Verdict
@@ -89,23 +90,14 @@ def test_a_bus_that_is_no_socketcan_has_no_link():
     assert {result.verdict for result in results} == {NOT_CHECKED}
 
 
-@pytest.mark.parametrize(
-    ("flags", "operstate", "is_up", "state"),
-    [("0x40081", "up", True, "up"), ("0x400c1", "unknown", True, "up"), ("0x40080", "down", False, "down")],
-)
-def test_a_link_is_read_from_sys(tmp_path, flags, operstate, is_up, state):
-    folder = tmp_path / "class/net/vcan0"
-    folder.mkdir(parents=True)
-    (folder / "flags").write_text(flags + "\n")
-    (folder / "operstate").write_text(operstate + "\n")
-    assert host.link("vcan0", tmp_path) == host.Link("vcan0", is_up, state)
-    assert host.link("can7", tmp_path) is None
+def test_an_interface_that_is_not_there_is_none():
+    assert kernel_link("can97") is None
 
 
-def test_loopback_is_a_link_that_is_there():
-    link = host.link("lo")
+def test_loopback_is_a_link_that_tells_no_bit_rate():
+    link = kernel_link("lo")
     assert link is not None
-    assert (link.bitrate, link.restart_ms) == (None, None)
+    assert (link.name, link.bitrate) == ("lo", None)
 
 
 def test_governors_are_read_from_sys(tmp_path):
