@@ -96,6 +96,16 @@ def test_a_refusal_within_a_line_cuts_it_off():
     assert reader.rejected == {Reject.GARBLED: 1, Reject.UNKNOWN: 1}
 
 
+@pytest.mark.parametrize("size", [1, 100, 5000])
+@pytest.mark.parametrize("end", [b"\r", b"\a"])
+def test_an_endless_line_ends_at_either_end_and_costs_no_other(size, end):
+    stream, reader, got = GOOD + b"A" * 3000 + end + GOOD + GOOD, LineReader(), []
+    for start in range(0, len(stream), size):
+        got += reader.feed(stream[start : start + size])
+    assert len(got) == 3
+    assert (dict(reader.rejected), reader.refused) == ({Reject.ENDLESS: 1}, end == b"\a")
+
+
 @pytest.mark.parametrize("stamp", [b"0000", b"EA5f"])
 def test_an_adapters_time_stamp_is_not_looked_at(stamp):
     for line in (GOOD[:-1], b"r1824", b"T1FFFFFFF0"):
