@@ -75,6 +75,10 @@ class Loop:
             ip("link", "add", self.near, "type", "vcan")
         self.up()
 
+    def reset(self):
+        """As new."""
+        self.plug()
+
     def remove(self):
         if is_there(self.near):
             self.unplug()
@@ -115,6 +119,14 @@ class Cable:
             if not is_up(end):
                 self.up(end)
 
+    def reset(self):
+        """As after power-up. The emulated card sends nothing more once it has sent a remote frame."""
+        self.plug()
+        if self.is_real:
+            for end in (self.near, self.far):
+                self.down(end)
+                self.up(end)
+
     def remove(self):
         for end in (self.near, self.far):
             if is_there(end):
@@ -146,4 +158,4 @@ class KernelFar:
     def close(self):
         self.port.close()
         self._bus.shutdown()
-        self._links.plug()
+        self._links.reset()
