@@ -56,6 +56,7 @@ class Loop:
 
     near = far = "vhil0"
     frame_s = 0.0
+    remote_length = 7
 
     def __init__(self):
         self.plug()
@@ -75,10 +76,6 @@ class Loop:
             ip("link", "add", self.near, "type", "vcan")
         self.up()
 
-    def reset(self):
-        """As new."""
-        self.plug()
-
     def remove(self):
         if is_there(self.near):
             self.unplug()
@@ -91,6 +88,7 @@ class Cable:
         self.is_real = GUEST.exists()
         self.frame_s = 0.003 * self.is_real  # the emulated wire takes no time, and the receiver holds five frames
         self.near, self.far = ("can0", "can1") if self.is_real else ("vhil1", "vhil2")
+        self.remote_length = 0 if self.is_real else 7  # the emulated card stores the data that a remote frame has not
         self._cards = {}
         if self.is_real:
             self._cards = {end: Path(f"/sys/class/net/{end}/device").resolve() for end in (self.near, self.far)}
@@ -119,14 +117,6 @@ class Cable:
             if not is_up(end):
                 self.up(end)
 
-    def reset(self):
-        """As after power-up. The emulated card sends nothing more once it has sent a remote frame."""
-        self.plug()
-        if self.is_real:
-            for end in (self.near, self.far):
-                self.down(end)
-                self.up(end)
-
     def remove(self):
         for end in (self.near, self.far):
             if is_there(end):
@@ -138,6 +128,7 @@ class KernelFar:
 
     def __init__(self, links, ids):
         self._links = links
+        self.remote_length = links.remote_length
         links.plug()
         self.port = BusPort(BusAddress("socketcan", links.near, BITRATE).open(ids))
         self._bus = can.Bus(links.far, "socketcan", ignore_config=True)
@@ -158,4 +149,4 @@ class KernelFar:
     def close(self):
         self.port.close()
         self._bus.shutdown()
-        self._links.reset()
+        self._links.plug()
