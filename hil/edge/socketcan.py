@@ -29,7 +29,7 @@ SO_MEMINFO = 55
 MEMINFO = struct.Struct("3I")
 LARGEST_NETLINK_MESSAGE = 1 << 16
 QUEUE_PATIENCE_S = 0.002
-"""How long a command waits for the one before it, which a driver may take up in its own thread; a frame takes 0.25 ms."""
+"""How long a command waits for the one before it, which a driver may take up in a thread of its own."""
 CAN_KINDS = frozenset({"can", "vcan", "vxcan"})
 
 
