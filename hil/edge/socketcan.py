@@ -64,8 +64,8 @@ class Link:
         try:
             with IPRoute() as route:
                 (answer,) = route.link("get", ifname=name)
-        except (NetlinkError, ValueError) as error:
-            raise LinkError(errno.ENODEV, f"there is no interface {name} ({error})") from None
+        except (NetlinkError, ValueError):
+            raise LinkError(errno.ENODEV, f"there is no interface {name}") from None
         return cls.of(name, answer)
 
     @classmethod

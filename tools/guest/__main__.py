@@ -42,7 +42,7 @@ def main() -> int:
 
 
 def _test(options: list[str]) -> int:
-    """On this kernel if they can run here, else in the guest. Without either: say why, an error only where CI is set."""
+    """On this kernel if they can run here, else in the guest; without either say why, an error where CI is set."""
     command = tests.command(Path.cwd(), options)
     obstacle = host.obstacle()
     if not obstacle:
