@@ -68,9 +68,8 @@ class BusAddress:
             hint = ""
             if self.interface == "socketcan" and getattr(error, "errno", None) == 97:
                 hint = " (this kernel has no SocketCAN)"
-            what = error.strerror if isinstance(error, OSError) and error.strerror else error
             raise BusError(
-                f"bus {self.interface} {self.channel!r} at {self.bitrate} bit/s can't be opened: {what}{hint}"
+                f"bus {self.interface} {self.channel!r} at {self.bitrate} bit/s can't be opened: {error}{hint}"
             ) from None
 
 

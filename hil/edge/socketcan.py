@@ -13,6 +13,7 @@ from __future__ import annotations
 import errno
 import socket
 import struct
+import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,11 +28,17 @@ SO_MEMINFO = 55
 """asm-generic/socket.h; the kernel answers with u32 of linux/sock_diag.h, of which the third is `WMEM_ALLOC`."""
 MEMINFO = struct.Struct("3I")
 LARGEST_NETLINK_MESSAGE = 1 << 16
+QUEUE_PATIENCE_S = 0.002
+"""How long a command waits for the one before it, which a driver may take up in a thread of its own."""
 CAN_KINDS = frozenset({"can", "vcan", "vxcan"})
 
 
 class LinkError(OSError):
     """An interface that can't be used as it is; the message says what to do."""
+
+    def __str__(self) -> str:
+        """Return the message without the system's number."""
+        return str(self.strerror)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,8 +64,8 @@ class Link:
         try:
             with IPRoute() as route:
                 (answer,) = route.link("get", ifname=name)
-        except (NetlinkError, ValueError) as error:
-            raise LinkError(errno.ENODEV, f"there is no interface {name} ({error})") from None
+        except (NetlinkError, ValueError):
+            raise LinkError(errno.ENODEV, f"there is no interface {name}") from None
         return cls.of(name, answer)
 
     @classmethod
@@ -152,7 +159,7 @@ class LinkWatch:
         try:
             return self._fault(Link.read(self.link.name))
         except LinkError as error:
-            return str(error.strerror)
+            return str(error)
 
     def _judge(self, message: Any) -> str:
         if message["header"]["type"] == RTM_DELLINK:
@@ -189,11 +196,13 @@ class SocketCan(SocketcanBus):
             raise
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send now or not at all: the link must be there and the last frame of ours out of the kernel's queue."""
+        """Send now or not at all: the link must be there and our last frame out of the kernel's queue."""
         del timeout
         failure = self._watch.look()
         if failure:
             raise LinkError(errno.ENETDOWN, failure)
+        if self._queued_bytes():
+            time.sleep(QUEUE_PATIENCE_S)
         if self._queued_bytes():
             raise OSError(errno.ENOBUFS, "the last command still waits in the kernel")
         super().send(msg, timeout=0)

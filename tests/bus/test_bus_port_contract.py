@@ -83,7 +83,7 @@ def test_somebody_elses_command_is_let_in_so_that_it_can_be_noticed(far):
 
 
 def test_a_remote_frame_is_marked_as_one(far):
-    far.send(frame(LEVELS_ID, b"", is_remote_frame=True, dlc=7))
+    far.send(frame(LEVELS_ID, b"", is_remote_frame=True, dlc=getattr(far, "remote_length", 7)))
     assert next_frame(far.port).is_remote_frame
 
 

@@ -1,6 +1,5 @@
 """The port on the kernel's own buses: what reaches it, what it says of the link, what it refuses to begin on."""
 
-import errno
 import socket
 import struct
 import subprocess
@@ -122,7 +121,7 @@ def test_case_22_a_link_taken_down_is_noticed_by_the_first_command(loop, on_loop
     loop.down()
     assert port.send(COMMAND_ID, bytes(6), 0.0) is False
     assert not port.is_up
-    assert port.last_error == f"[Errno {errno.ENETDOWN}] {loop.near} was taken down"
+    assert port.last_error == f"{loop.near} was taken down"
 
 
 def test_case_22_a_link_that_was_down_and_up_between_two_commands_is_noticed(loop, on_loop):
@@ -227,7 +226,7 @@ def refusal(channel, bitrate=BITRATE):
 
 
 def test_an_interface_that_is_missing_is_refused_by_name():
-    assert refusal("can77").startswith("there is no interface can77")
+    assert refusal("can77") == "there is no interface can77"
 
 
 def test_an_interface_that_is_no_can_is_refused():

@@ -167,9 +167,8 @@ def test_case_22_a_link_down_and_up_mid_run_is_safe_and_comes_back_disarmed(rig,
     assert_tripped(run, "bus_failed", *(SILENT if end == "far" else ()))
     assert time.monotonic() - down_s < 5.0
     if end == "near":
-        assert f"{name} was taken down" in run.json("run.json")["reason"] + str(run.events()) or "down" in str(
-            run.events()
-        )
+        (why,) = [event["text"] for event in run.events() if event["code"] == "trip"]
+        assert "down" in why
     assert_disarmed_until_cleared(rig, cable, tmp_path)
 
 
@@ -218,8 +217,8 @@ def test_case_21_bus_off_in_a_run_trips_and_error_passive_is_only_told(loop, tmp
     assert told["bus_off"] == "the CAN controller is bus-off"
     (end,) = [event for event in run.events() if event["code"] == "end"]
     assert end["data"]["bus_errors"] == {"error_passive": 1, "bus_off": 1}
-    (trip,) = run.json("kpi.json")["trips"]
-    assert "bus-off" in str([event["text"] for event in run.events() if event["code"] == "trip"]), trip
+    (why,) = [event["text"] for event in run.events() if event["code"] == "trip"]
+    assert "bus-off" in why
 
 
 def test_case_48_a_stopped_controller_leaves_the_node_safe_and_sends_no_burst_afterwards(rig, run):

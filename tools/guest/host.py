@@ -38,6 +38,13 @@ def has_can() -> bool:
     return True
 
 
+def obstacle() -> str:
+    """Why the tests can't have CAN interfaces on this very kernel; "" when they can."""
+    if not has_can():
+        return "this kernel has no AF_CAN"
+    return "" if os.geteuid() == 0 else "only root may make CAN interfaces"
+
+
 def cache_dir() -> Path:
     """Where the kernel is kept: $FOURTANK_HIL_GUEST, or fourtank-hil/guest in the user's cache."""
     named = os.environ.get(CACHE_VARIABLE)

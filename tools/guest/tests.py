@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -13,8 +12,19 @@ MARK = "mark.socketcan"
 def command(root: Path, options: list[str]) -> list[str]:
     """The pytest command for every test marked socketcan below root, in one process, without plugins."""
     files = sorted(str(one.relative_to(root)) for one in root.glob("tests/**/test_*.py") if MARK in one.read_text())
-    os.environ["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"  # importing those takes longer than the tests
-    return [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-m", "socketcan and not long", *options, *files]
+    without_plugins = ["env", "PYTEST_DISABLE_PLUGIN_AUTOLOAD=1"]  # importing those takes longer than the tests
+    return [
+        *without_plugins,
+        sys.executable,
+        "-m",
+        "pytest",
+        "-p",
+        "no:cacheprovider",
+        "-m",
+        "socketcan and not long",
+        *options,
+        *files,
+    ]
 
 
 def run_here(arguments: list[str]) -> int:
