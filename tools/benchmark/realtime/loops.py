@@ -89,6 +89,10 @@ class SilentPort:
         """Wait."""
         select.select([self._ours], [], [], timeout_s)
 
+    def waiting(self) -> tuple[()]:
+        """Nothing has come."""
+        return ()
+
 
 class Stopwatch:
     """A recorder that notes how soon each command followed the newest frame, and hands everything on, if to anyone."""
