@@ -14,23 +14,23 @@ share=trans=virtio,version=9p2000.L,msize=512000
 mount_to 9p $share,ro,cache=loose host /host
 mount_to tmpfs size=75% tmpfs /overlay
 $bb mkdir /overlay/upper /overlay/work
-mount_to overlay lowerdir=/host,upperdir=/overlay/upper,workdir=/overlay/work,xino=off overlay /root
+mount_to overlay lowerdir=/host,upperdir=/overlay/upper,workdir=/overlay/work,xino=off overlay /newroot
 
-mount_to proc rw proc /root/proc
-mount_to sysfs rw sys /root/sys
-mount_to devtmpfs rw dev /root/dev
-$bb mkdir -p /root/dev/pts /root/dev/shm
-mount_to devpts rw devpts /root/dev/pts
-mount_to tmpfs rw tmpfs /root/dev/shm
-$bb ln -sf /proc/self/fd /root/dev/fd
-for stream in 0:stdin 1:stdout 2:stderr; do $bb ln -sf "/proc/self/fd/${stream%:*}" "/root/dev/${stream#*:}"; done
-mount_to tmpfs rw tmpfs /root/run
-$bb mkdir -p /root/run/job
-mount_to 9p $share,cache=none job /root/run/job
+mount_to proc rw proc /newroot/proc
+mount_to sysfs rw sys /newroot/sys
+mount_to devtmpfs rw dev /newroot/dev
+$bb mkdir -p /newroot/dev/pts /newroot/dev/shm
+mount_to devpts rw devpts /newroot/dev/pts
+mount_to tmpfs rw tmpfs /newroot/dev/shm
+$bb ln -sf /proc/self/fd /newroot/dev/fd
+for stream in 0:stdin 1:stdout 2:stderr; do $bb ln -sf "/proc/self/fd/${stream%:*}" "/newroot/dev/${stream#*:}"; done
+mount_to tmpfs rw tmpfs /newroot/run
+$bb mkdir -p /newroot/run/job
+mount_to 9p $share,cache=none job /newroot/run/job
 
 release=$($bb uname -r)
-$bb mkdir -p "/root/lib/modules/$release"
-$bb mount --bind "/host$($bb cat /modules.host)" "/root/lib/modules/$release" || fail "binding modules"
+$bb mkdir -p "/newroot/lib/modules/$release"
+$bb mount --bind "/host$($bb cat /modules.host)" "/newroot/lib/modules/$release" || fail "binding modules"
 $bb ip link set lo up
 $bb hostname guest
-exec $bb switch_root /root /bin/sh /run/job/session.sh
+exec $bb switch_root /newroot /bin/sh /run/job/session.sh

@@ -78,7 +78,7 @@ def write_initramfs(kernel: Kernel, path: Path) -> None:
     """Pack what the kernel boots with: busybox, the modules loaded at boot with all they depend on, and init.sh."""
     with tempfile.TemporaryDirectory() as scratch:
         root = Path(scratch)
-        for name in ("bin", "proc", "sys", "dev", "host", "overlay", "root", "modules"):
+        for name in ("bin", "proc", "sys", "dev", "host", "overlay", "newroot", "modules"):
             (root / name).mkdir()
         shutil.copy(program("busybox"), root / "bin" / "busybox")
         for number, module in enumerate(_with_dependencies(kernel)):
