@@ -195,6 +195,22 @@ class SocketCan(SocketcanBus):
             self._watch.close()
             raise
 
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        """The next frame that passes the filters, or None after timeout seconds (None: waits).
+
+        python-can's own counts them on the wall clock, and would wait for the hour by which that is set back.
+        """
+        end_s = None if timeout is None else time.monotonic() + timeout
+        left_s = timeout
+        while True:
+            message, is_filtered = self._recv_internal(left_s)
+            if message is not None and (is_filtered or self._matches_filters(message)):
+                return message
+            if end_s is not None:
+                left_s = end_s - time.monotonic()
+                if left_s <= 0.0:
+                    return None
+
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Send now or not at all: the link must be there and our last frame out of the kernel's queue."""
         del timeout

@@ -3,6 +3,7 @@
 import socket
 import struct
 import subprocess
+import threading
 import time
 from contextlib import contextmanager
 
@@ -214,6 +215,24 @@ def test_case_46_a_wall_clock_that_jumps_makes_no_frame_older_than_the_gap_befor
     finally:
         time.clock_settime(time.CLOCK_REALTIME, time.time())
     assert all(0.0 <= age_s < W_S for age_s in ages_s[1:]), ages_s
+
+
+def test_case_46_a_wall_clock_set_back_while_nothing_comes_holds_nobody_up(on_loop):
+    """A wait that counted on the wall clock would last for an hour."""
+    port, _ = on_loop
+
+    def set_back():
+        time.clock_settime(time.CLOCK_REALTIME, time.time() - 3600.0)
+
+    setting = threading.Timer(0.1, set_back)
+    started_s = time.monotonic()
+    try:
+        setting.start()
+        assert port.receive(0.3) is None
+        assert 0.3 <= time.monotonic() - started_s < 1.3
+    finally:
+        setting.join()
+        time.clock_settime(time.CLOCK_REALTIME, time.time() + 3600.0)
 
 
 def refusal(channel, bitrate=BITRATE):
