@@ -43,7 +43,7 @@ unit: $(READY)   ## the test suite
 test-socketcan: $(READY)  ## the tests on the kernel's CAN buses, in a guest where this kernel has none
 	@$(BIN)/python -m tools.guest test
 
-test-long: $(READY)  ## simulated hours, two thousand pairs of faults: half an hour on two cores
+test-long: $(READY)  ## simulated hours, two thousand pairs of faults, mutants: ten minutes on two cores
 	$(BIN)/python -m pytest -n 2 -m long
 	$(BIN)/python -m tools.mutants
 
