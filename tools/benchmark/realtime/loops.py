@@ -93,6 +93,10 @@ class SilentPort:
         """Nothing has come."""
         return ()
 
+    def news(self) -> tuple[()]:
+        """Nothing is told of it."""
+        return ()
+
 
 class Stopwatch:
     """A recorder that notes how soon each command followed the newest frame, and hands everything on, if to anyone."""
