@@ -63,7 +63,7 @@ def open_record(folder: RunFolder, timeline: TimelineSettings | None, with_lines
         level_gain_V_cm=timeline.level_gain_V_cm,
         with_truth=timeline.with_truth,
         blueprint=blueprint(timeline.duration_s),
-        batch_ticks=250 if timeline.with_truth else 1000,
+        batch_ticks=250 if timeline.with_truth else 6000,
         compact_at_close=not timeline.with_truth,
     )
     return Recorder.open(folder, timeline=log, on_event=on_event)

@@ -38,7 +38,7 @@ OLDEST_S = 0.05
 
 LARGEST_MESSAGE = 1 << 20
 FLUSH_S = 0.1
-FLUSHES_PER_TIMELINE = 100
+FLUSHES_PER_TIMELINE = 600
 """Rerun keeps account of every chunk until the file is closed: sent five times a second they took 4 MB a minute. A
 killed controller costs none of it, since this process goes on and closes the file."""
 START_TIMEOUT_S = 60.0

@@ -135,12 +135,13 @@ class RerunLog:
         batch_ticks: int = 250,
         compact_at_close: bool = False,
     ) -> None:
-        self._path, self._batch_ticks, self._compact_at_close = path, batch_ticks, compact_at_close
+        self._path, self._compact_at_close = path, compact_at_close
         self._to_V = np.array([level_gain_V_cm if column.startswith("true_h") else 1.0 for column in COLUMNS])
         self._series = tuple(
             (one.entity, [COLUMNS.index(column) for column in one.columns]) for one in series(with_truth)
         )
-        self._rows: list[Row] = []
+        self._table = np.empty((batch_ticks, len(COLUMNS)))
+        self._filled = 0
         self._events: list[tuple[float, Event]] = []
         self._states: dict[str, list[tuple[float, str]]] = {}
         self._state_now: dict[str, str] = {}
@@ -154,8 +155,9 @@ class RerunLog:
         key = (row[_MODE], row[_THETA1], row[_THETA2])
         if key != self._state_key:
             self._note_states(row[0], key)
-        self._rows.append(row)
-        if len(self._rows) >= self._batch_ticks:
+        self._table[self._filled] = row
+        self._filled += 1
+        if self._filled == len(self._table):
             self._send()
 
     def event(self, t_s: float, event: Event) -> None:
@@ -213,9 +215,9 @@ class RerunLog:
             self._recording.send_property("run", rr.AnyValues(drop_untyped_nones=True, **card.facts))
 
     def _send(self) -> None:
-        if self._rows:
-            table = np.array(self._rows) * self._to_V
-            self._rows.clear()
+        if self._filled:
+            table = self._table[: self._filled] * self._to_V
+            self._filled = 0
             times = _times(table[:, 0])
             for entity, columns in self._series:
                 values = table[:, columns]
