@@ -165,6 +165,18 @@ def test_one_fault_after_the_other():
     assert [alarm.number for alarm in story.settled()] == sorted({alarm.number for alarm in story.alarms})
 
 
+@pytest.mark.parametrize(("seed", "after_s"), [(51, 2.0), (54, 5.5), (53, 5.5), (55, 6.0)])
+def test_a_second_fault_before_the_first_is_settled(seed, after_s):
+    """The readings fit no single fault any more: the first is settled as it stood, the second is found from there."""
+    faults = ((FAULT_S, put("drift", 1, -0.087)), (FAULT_S + after_s, lose(0.12, 1.0)))
+    story = play(seed, FAULT_S + after_s + 8.0, faults)
+    assert named(story) == [("sensor_drift", 2), ("pump_effectiveness", 1)]
+    drift, loss = story.settled()
+    assert drift.size == pytest.approx(-0.087, abs=0.003)
+    assert loss.isolated_s - FAULT_S - after_s < 1.5
+    assert story.last.diagnosis.effectiveness == pytest.approx((0.12, 1.0), abs=0.01)
+
+
 @pytest.mark.parametrize("stuck_V", [1.5, 4.5, 10.0])
 def test_a_pump_that_does_not_follow_its_voltage(stuck_V):
     def freeze(plant):

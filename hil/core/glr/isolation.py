@@ -6,7 +6,7 @@ from math import sqrt
 
 import numpy as np
 
-from hil.core.glr import process, replay, verdict
+from hil.core.glr import process, replay, rewind, verdict
 from hil.core.glr.bank import SLOTS
 from hil.core.glr.hypotheses import BIAS_PRIOR_V, BOTH, JUMPS, PUMPS, H
 from hil.core.glr.memory import Checkpoint, Memory, Setup, Suspicion
@@ -24,6 +24,9 @@ CHECKPOINT_STEPS = 10
 
 NO_EVIDENCE = -1e300
 """Of what can't be; still a number, so that differences are."""
+
+LEAST_GAIN, SURE_STDS = -0.1, 3.0
+"""No pump runs backwards; what is estimated of one that stands still may err a little, and at first by much."""
 
 FAR_BEHIND = 0.25
 """A hypothesis with less than this share of the leader's ratio has no onset worth its own replay."""
@@ -73,7 +76,8 @@ def isolate(setup: Setup, m: Memory, suspicion: Suspicion) -> list[Alarm]:
             _sharpen(setup, m, number)
         evidence, order = _evidence(m)
         winner = _leader(setup, m, evidence, order)
-    if winner is None and m.t_s - suspicion.detected_s >= tuning.resolve_within_s:
+    is_late = m.t_s - suspicion.detected_s >= tuning.resolve_within_s
+    if winner is None and (is_late or (_is_overtaken(setup, m, order[0]) and not m.is_doubtful)):
         winner = order[0]
     if winner is not None:
         return _settle(setup, m, suspicion, winner)
@@ -89,9 +93,12 @@ def _candidates(m: Memory, suspicion: Suspicion, likely: list[int]) -> list[Alar
 
 
 def _drop(setup: Setup, m: Memory, evidence: Array) -> None:
-    """Give up hypotheses that have fallen far behind; the pair of pumps is needed to judge a single one."""
+    """Give up hypotheses that have fallen far behind; the pair of pumps is needed to judge a single one.
+
+    One whose size is impossible so far is given its chance while it explains the readings.
+    """
     r = m.replays
-    behind = evidence < evidence.max() - setup.tuning.drop_margin
+    behind = r.evidence < evidence.max() - setup.tuning.drop_margin
     r.dropped[behind & (m.now - r.onset > setup.tuning.least_steps)] = 1
     r.dropped[BOTH] = 0
 
@@ -109,7 +116,7 @@ def _begin(m: Memory, replays: Replays, row: int, number: int, slot: int) -> Non
 def _catch_up(setup: Setup, m: Memory, r: Replays, rows: int, budget: int) -> int:
     return process.catch_up(
         setup.c, setup.walk, m.history.entries, m.history.none, r.x, r.P, r.evidence, r.seen, r.onset, m.now,
-        budget, r.bias, r.dropped, rows, BIAS_PRIOR_V**2,
+        budget, r.bias, r.dropped, r.misfit, r.fit, r.x_fit, r.P_fit, rows, BIAS_PRIOR_V**2,
     )  # fmt: skip
 
 
@@ -122,11 +129,18 @@ def _is_possible(m: Memory, number: int) -> bool:
     rise, fall = m.least_jumps()
     r = m.replays
     sizes = [(j, r.x[number, JUMPS[j].state] - r.before[number, JUMPS[j].state]) for j in jumps_of(number)]
+    if any(_runs_backwards(r, number, GAIN + pump) for pump in PUMPS):
+        return False
     for j, size in sizes:
         least, most = (rise[j], JUMPS[j].rise[1]) if size > 0.0 else (fall[j], JUMPS[j].fall[1])
         if not least <= abs(size) <= most:
             return False
     return len({size > 0.0 for _, size in sizes}) == 1
+
+
+def _runs_backwards(r: Replays, number: int, state: int) -> bool:
+    std = sqrt(max(r.P[number, state, state], 0.0))
+    return bool(r.x[number, state] + SURE_STDS * std < LEAST_GAIN)
 
 
 def _leader(setup: Setup, m: Memory, evidence: Array, order: list[int]) -> int | None:
@@ -144,6 +158,15 @@ def _leader(setup: Setup, m: Memory, evidence: Array, order: list[int]) -> int |
     return first if is_alone and evidence[first] - evidence[second] >= tuning.margin else None
 
 
+def _is_overtaken(setup: Setup, m: Memory, number: int) -> bool:
+    """Whether a hypothesis explained what was seen, until something else happened."""
+    return _has_explained(setup, m, number) and float(m.replays.misfit[number]) > setup.tuning.overtaken
+
+
+def _has_explained(setup: Setup, m: Memory, number: int) -> bool:
+    return int(m.replays.fit[number] - m.replays.onset[number]) >= setup.tuning.least_fit_steps
+
+
 def _is_known(setup: Setup, m: Memory, pump: int) -> bool:
     """Whether a loss of this pump, beside the other's, would be known."""
     state = JUMPS[pump].state
@@ -151,19 +174,34 @@ def _is_known(setup: Setup, m: Memory, pump: int) -> bool:
 
 
 def _settle(setup: Setup, m: Memory, suspicion: Suspicion, winner: int) -> list[Alarm]:
-    """The winner's filter becomes the filter."""
+    """The winner's filter becomes the filter.
+
+    Once it has explained enough it does so as it stood some steps ago, and lives through them again with the bank: a
+    fault that has begun meanwhile is met from its onset on.
+    """
     r = m.replays
     m.suspicion = None
     before, onset = r.before[winner].copy(), int(r.onset[winner])
     m.checkpoint = _checkpoint(m, onset)
-    m.x[:], m.P[:] = r.x[winner], r.P[winner]
+    has_explained = _has_explained(setup, m, winner)
+    x, P = (r.x_fit, r.P_fit) if has_explained else (r.x, r.P)
+    m.x[:], m.P[:] = x[winner], P[winner]
     _loosen(setup, m, winner, before)
     if winner in PUMPS and not _is_known(setup, m, 1 - winner):
         m.unproven = (1 - winner, 0.0)
     alarms = [verdict.declare(setup, m, j, before, onset, suspicion) for j in jumps_of(winner)]
     m.restart_bank()
+    if has_explained:
+        _relive(setup, m, int(r.fit[winner]))
     m.verdicts_s = (*m.verdicts_s, m.t_s)[-setup.tuning.verdicts_max :]
     return alarms
+
+
+def _relive(setup: Setup, m: Memory, start: int) -> None:
+    """From a step on once more, without the sensors that have been given up."""
+    for sensor in m.lost:
+        rewind.revalue(m, start, sensor, None)
+    rewind.relive(setup, m, start, m.now)
 
 
 def _checkpoint(m: Memory, onset: int) -> Checkpoint:

@@ -42,6 +42,12 @@ NO_READING_V2 = 1e6
 LARGEST_SQUARE, LARGEST_SCALE = 9.0, 25.0
 """One innovation counts for no more than three standard deviations where noise is learned; how much it may learn."""
 
+MISFIT_SLACK, MISFIT_MOST = 2.0, 15.0
+"""What a step's readings may be off before it counts, and may count for at the most: one odd step says nothing."""
+
+FIT_STEPS = 5
+"""Between two steps kept as those at which a replay fits: what has just begun doesn't show in a step or two."""
+
 LEAST_OUTLET = -0.02
 """What is estimated of an outlet that is shut may err to either side of nothing; cut off there it would look open."""
 
@@ -328,6 +334,19 @@ def learn_scale(entry: Array, white: Array, innovation: Array, scale: Array, pac
 
 
 @compiled
+def _excess(entry: Array, white: Array, innovation: Array) -> float:
+    """Half of the squared whitened innovations, less what is expected of it."""
+    excess = 0.0
+    for i in range(4):
+        if np.isfinite(entry[2 + i]):
+            value = 0.0
+            for j in range(i + 1):
+                value += white[i, j] * innovation[j]
+            excess += 0.5 * (value * value - 1.0)
+    return excess
+
+
+@compiled
 def catch_up(
     c: Array,
     walk: Array,
@@ -342,12 +361,19 @@ def catch_up(
     budget: int,
     jumping_bias: Ints,
     dropped: Ints,
+    misfit: Array,
+    fit: Ints,
+    x_fit: Array,
+    P_fit: Array,
     rows: int,
     bias_variance: float,
 ) -> int:
     """Take the first `rows` filters on towards step `now`, by at most `budget` filter steps; how many are still to do.
 
     entries, none : the history's, see `replay.History`; the others those of `replay.Replays`.
+
+    `misfit` is the cumulative sum (Page 1954) of half the squared whitened innovations in excess of what is expected,
+    less a slack; `fit`, `x_fit` and `P_fit` keep a late step, and the filter at it, at which the sum was nought.
 
     In the period in which a bias begins, the mean of that sensor's readings holds part of it only: what is learned of
     the bias there is forgotten.
@@ -366,6 +392,12 @@ def catch_up(
             at = seen[j] % entries.shape[0]
             entry = entries[at]
             evidence[j] += step(c, walk, x[j], P[j], entry, A, K, white, innovation) - none[at]
+            excess = _excess(entry, white, innovation) - MISFIT_SLACK
+            misfit[j] = max(misfit[j] + min(excess, MISFIT_MOST), 0.0)
+            if misfit[j] == 0.0 and seen[j] - fit[j] >= FIT_STEPS:
+                fit[j] = seen[j]
+                x_fit[j] = x[j]
+                P_fit[j] = P[j]
             if jumping_bias[j] >= 0 and seen[j] == onset[j] + 1:
                 state = BIAS + jumping_bias[j]
                 P[j, state, :] = 0.0

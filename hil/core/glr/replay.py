@@ -7,7 +7,7 @@ tells the size.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -48,7 +48,9 @@ class Replays:
     x : (H + 1, N). P : (H + 1, N, N). evidence : (H + 1,) log-likelihood ratio against no jump. seen : (H + 1,) the
     last step that the filter has taken in. onset : (H + 1,) the step at which its jump begins. before : (H + 1, N) the
     state at the onset. bias : (H + 1,) the sensor whose bias jumps, from 0; -1 for none.
-    dropped : (H + 1,) 1 for those that have fallen too far behind to be worth their time.
+    dropped : (H + 1,) 1 for those that have fallen too far behind to be worth their time. misfit : (H + 1,) how far the
+    latest readings are from what the replay itself expects, see `process.catch_up`. fit, x_fit, P_fit : (H + 1,) a
+    late step at which they were as expected, and the filter at it.
     """
 
     x: Array
@@ -59,6 +61,10 @@ class Replays:
     before: Array
     bias: Ints
     dropped: Ints
+    misfit: Array
+    fit: Ints
+    x_fit: Array
+    P_fit: Array
 
     @classmethod
     def empty(cls) -> Replays:
@@ -73,6 +79,10 @@ class Replays:
             np.zeros((n, N)),
             np.full(n, -1, dtype=np.int64),
             np.zeros(n, dtype=np.int64),
+            np.zeros(n),
+            np.zeros(n, dtype=np.int64),
+            np.zeros((n, N)),
+            np.zeros((n, N, N)),
         )
 
     def begin(self, row: int, number: int, history: History, slot: int, onset: int, reach: Array) -> None:
@@ -86,12 +96,12 @@ class Replays:
         for jump in (JUMPS[i] for i in (PUMPS if number == BOTH else (number,))):
             P[jump.state, jump.state] += jump.prior**2
         P[range(4), range(4)] += (ONSET_SPREAD * reach) ** 2
-        self.evidence[row] = 0.0
-        self.seen[row] = self.onset[row] = onset
+        self.evidence[row] = self.misfit[row] = 0.0
+        self.seen[row] = self.onset[row] = self.fit[row] = onset
         self.bias[row] = JUMPING_BIAS[number]
         self.dropped[row] = 0
 
     def take(self, row: int, other: Replays, its_row: int) -> None:
         """Replace a row by one of another's."""
-        for name in ("x", "P", "evidence", "seen", "onset", "before", "bias", "dropped"):
-            getattr(self, name)[row] = getattr(other, name)[its_row]
+        for one in fields(self):
+            getattr(self, one.name)[row] = getattr(other, one.name)[its_row]

@@ -5,16 +5,13 @@ from __future__ import annotations
 from math import isfinite, nan, sqrt
 from typing import NamedTuple
 
-from hil.core.glr import bank, process
+from hil.core.glr import rewind
 from hil.core.glr.channels import NOISY_PERIODS, OPEN_RUN
 from hil.core.glr.hypotheses import JUMPS
 from hil.core.glr.memory import Declared, Lost, Memory, Setup
 from hil.core.glr.process import BIAS, DRIFT
 from hil.core.glr.replay import RING
 from hil.core.types import Alarm, Measurement
-
-SAME_STEPS = 5
-"""A fault that is said to have begun so few steps before its sensor failed, or later, may be the sensor's doing."""
 
 AGREES_STDS = 4.0
 """A lost sensor agrees with the filter when its reading is within so many standard deviations."""
@@ -121,7 +118,7 @@ def _is_recent(m: Memory, back: int) -> bool:
     """Whether anything was suspected or declared in the last `back` steps."""
     since = max(m.now - back, 0)
     is_suspected = m.suspicion is not None and m.suspicion.detected_s >= m.time_of(since)
-    return is_suspected or (m.checkpoint is not None and m.checkpoint.onset >= since - SAME_STEPS)
+    return is_suspected or (m.checkpoint is not None and m.checkpoint.onset >= since - rewind.SAME_STEPS)
 
 
 def _amend(setup: Setup, m: Memory, i: int, back: int, variance_V2: float | None) -> tuple[int, Amended, list[Alarm]]:
@@ -130,8 +127,9 @@ def _amend(setup: Setup, m: Memory, i: int, back: int, variance_V2: float | None
     A fault that was suspected or declared in that time may be the sensor's doing: it is taken back, and found again if
     it is real. The sensor's alarm goes on under its number. Returns the step gone back to, that, and what is over.
     """
-    start, withdrawn = _go_back(m, m.now - back)
-    _relive(setup, m, start, i, variance_V2)
+    start, withdrawn = rewind.go_back(m, m.now - back)
+    rewind.revalue(m, start, i, variance_V2)
+    rewind.relive(setup, m, start, m.now - 1)
     suspicion, m.suspicion = m.suspicion, None
     m.statistic = 0.0
     if withdrawn:
@@ -140,39 +138,6 @@ def _amend(setup: Setup, m: Memory, i: int, back: int, variance_V2: float | None
     if suspicion is not None and suspicion.number is not None:
         return start, Amended(suspicion.number, suspicion.detected_s), []
     return start, _news(m), []
-
-
-def _go_back(m: Memory, step: int) -> tuple[int, list[tuple[int, Declared]]]:
-    """Put the filter to where it was at a step or before; where that is, and what is no longer declared, by place."""
-    b, checkpoint = m.bank, m.checkpoint
-    known = [s for s in range(bank.SLOTS) if b.onset[s] >= 0]
-    old_enough = [s for s in known if b.onset[s] <= step]
-    if not old_enough and checkpoint is not None and checkpoint.onset >= step - SAME_STEPS:
-        m.x[:], m.P[:] = checkpoint.x, checkpoint.P
-        withdrawn = [(j, fault) for j, fault in m.declared.items() if j not in checkpoint.declared]
-        m.declared, m.checkpoint, m.probation = dict(checkpoint.declared), None, None
-        return checkpoint.step, withdrawn
-    slot = max(old_enough, key=lambda s: int(b.onset[s])) if old_enough else min(known, key=lambda s: int(b.onset[s]))
-    m.x[:], m.P[:] = m.history.x[slot], m.history.P[slot]
-    return int(b.onset[slot]), []
-
-
-def _relive(setup: Setup, m: Memory, start: int, i: int, variance_V2: float | None) -> None:
-    """Filter and bank once more, from a step on to the last one, with this variance of sensor i; None: without it."""
-    b = m.bank
-    m.restart_bank(start)
-    for step in range(start + 1, m.now + 1):
-        entry = m.history.entries[step % RING]
-        if variance_V2 is None:
-            entry[2 + i] = nan
-        else:
-            entry[6 + i] = variance_V2
-        if step < m.now:
-            m.history.none[step % RING] = process.step(
-                setup.c, setup.walk, m.x, m.P, entry, m.A, m.K, m.white, m.innovation
-            )
-            bank.advance(setup.c[13], entry, m.A, m.K, m.white, m.innovation, b.effect, b.energy, b.match, b.cross)
-            m.open_slot(step)
 
 
 def _over(m: Memory, j: int, fault: Declared) -> Alarm:

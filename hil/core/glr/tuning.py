@@ -16,6 +16,8 @@ class Tuning:
     that leads by jump_margin is too quick for anything else. least_drift_steps : the same for drifts, which a handful
     of noisy readings look like.
     resolve_within_s : after so long the likeliest is taken without the margin. settle_s : no alarm before.
+    overtaken : misfit at which something else must have happened since; the likeliest is taken then, too, if it had
+    explained the readings for least_fit_steps.
 
     parameter_std : how far gains, splits and outlets may be off the rig file's, relative. lag_std : lags, likewise.
     parameter_walk, level_walk_cm : what they may move by themselves in a control period (standard deviation).
@@ -40,6 +42,8 @@ class Tuning:
     least_drift_steps: int = 8
     jump_margin: float = 50.0
     resolve_within_s: float = 18.0
+    overtaken: float = 40.0
+    least_fit_steps: int = 10
     settle_s: float = 1.0
 
     parameter_std: float = 0.03
