@@ -11,6 +11,7 @@ and the folder says so at the end.
 from __future__ import annotations
 
 import contextlib
+import os
 import pickle
 import select
 import signal
@@ -41,6 +42,9 @@ FLUSH_S = 0.1
 FLUSHES_PER_TIMELINE = 600
 """Rerun keeps account of every chunk until the file is closed: sent five times a second they took 4 MB a minute. A
 killed controller costs none of it, since this process goes on and closes the file."""
+GIVE_BACK = {"MIMALLOC_PURGE_DELAY": "0"}
+"""To Rerun's allocator: what it keeps of freed memory for later grew for the first hours of a run."""
+
 START_TIMEOUT_S = 60.0
 CLOSE_TIMEOUT_S = 90.0
 """For the last writes and Rerun's compaction of its file. The pumps are off by then."""
@@ -63,6 +67,7 @@ class ProcessRecorder:
                 [sys.executable, "-m", "hil.edge.recorder_process", str(theirs.fileno())],
                 pass_fds=(theirs.fileno(),),
                 stdin=subprocess.DEVNULL,
+                env={**GIVE_BACK, **os.environ},
                 start_new_session=True,  # Ctrl-C and a closed terminal are the controller's business
             )
         self._capacity = capacity

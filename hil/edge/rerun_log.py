@@ -216,11 +216,10 @@ class RerunLog:
 
     def _send(self) -> None:
         if self._filled:
-            table = self._table[: self._filled] * self._to_V
-            self._filled = 0
+            table, self._filled = self._table[: self._filled], 0
             times = _times(table[:, 0])
             for entity, columns in self._series:
-                values = table[:, columns]
+                values = table[:, columns] * self._to_V[columns]
                 self._recording.send_columns(entity, [times], rr.Scalars.columns(scalars=values))
         for entity, changes in self._states.items():
             self._send_changes(entity, changes)
