@@ -252,7 +252,7 @@ class Diagnosis:
     them, good for the sensors that are not trusted; None when it has none. stuck_on : (2,) pumps that deliver whatever
     they are told. is_diverged : the filter no longer explains the readings by any fault that it knows.
     unproven : (2,) pumps that may give no water: one that stood still when the other failed and has not been seen to
-    work since, one that is dead if the likeliest suspicion is true.
+    work since, one that is dead if the likeliest suspicion is true, one whose upper tank gets nothing of it.
     is_blind : a level without a sensor is no longer known from the model either.
     has_fault : whether anything at all is accommodated.
     """

@@ -139,7 +139,7 @@ class GlrDetector:
             level_V,
             (stuck[0], stuck[1]),
             self._is_diverged(m, h1),
-            verdict.unproven(m),
+            verdict.unproven(self._setup, m),
             verdict.is_blind(m),
         )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from math import nan, sqrt
 
+from hil.core.glr import water
 from hil.core.glr.hypotheses import BOTH, JUMPS, PUMPS, SPLITS
 from hil.core.glr.memory import Declared, Lost, Memory, Probation, Setup, Suspicion
 from hil.core.glr.process import BIAS, DRIFT, GAIN, LAG, LEAK, OUTLET, PUMP, SPLIT, Array
@@ -135,13 +136,18 @@ def watch_unproven(m: Memory) -> None:
     m.unproven = None if driven_s >= PROVEN_S or PUMPS[1 - pump] not in m.declared else (pump, driven_s)
 
 
-def unproven(m: Memory) -> tuple[bool, bool]:
-    """(2,) pumps that may give no water: one that stood still, one that is dead if the likeliest suspicion is true."""
+def unproven(setup: Setup, m: Memory) -> tuple[bool, bool]:
+    """(2,) pumps that may give no water.
+
+    One that stood still, one that is dead if the likeliest suspicion is true, one whose upper tank gets nothing of it.
+    """
     doubts = [m.unproven is not None and m.unproven[0] == pump for pump in PUMPS]
     if m.suspicion is not None and m.suspicion.leader is not None:
         for pump in PUMPS:
             left = float(m.replays.x[m.suspicion.leader, GAIN + pump])
             doubts[pump] |= pump in m.declared and left < PROVEN_SHARE * m.declared[pump].sound
+    for pump in PUMPS:
+        doubts[pump] |= PUMPS[1 - pump] in m.declared and water.is_missing(setup, m, pump)
     return doubts[0], doubts[1]
 
 
