@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import json
 import math
-from typing import Any
-
-import can
+from typing import TYPE_CHECKING, Any
 
 from hil.core.types import Event, Quad, TickRecord
+
+if TYPE_CHECKING:  # it takes longer to import than all the rest of the recorder's process
+    import can
 
 _NO_LEVELS: Quad = (math.nan, math.nan, math.nan, math.nan)
 

@@ -12,9 +12,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from math import nan
-from typing import Protocol, TextIO
-
-import can
+from typing import TYPE_CHECKING, Protocol, TextIO
 
 from hil.core.types import Event, Quad, Severity, TickRecord
 from hil.edge.record_format import (
@@ -26,6 +24,9 @@ from hil.edge.record_format import (
     tick_row,
 )
 from hil.edge.run_folder import RunFolder, RunFolderError, Status
+
+if TYPE_CHECKING:  # it takes longer to import than all the rest of the recorder's process
+    import can
 
 
 class Timeline(Protocol):

@@ -22,14 +22,15 @@ import time
 from collections import deque
 from collections.abc import Callable
 from types import TracebackType
-from typing import Any
-
-import can
+from typing import TYPE_CHECKING, Any
 
 from hil.core.types import Event, Quad, Severity, TickRecord
 from hil.edge.record_format import event_line
 from hil.edge.recorder import Recorder, RecorderHealth
 from hil.edge.run_folder import RunFolder, RunFolderError, Status
+
+if TYPE_CHECKING:  # it takes longer to import than all the rest of the recorder's process
+    import can
 
 LONGEST_BATCH = 200
 """Entries; some 10 kB, of the 200 kB or more that the socket takes."""
