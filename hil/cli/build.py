@@ -176,6 +176,7 @@ def _limits(rig: Rig) -> Limits:
         dead_below=safety.dead_below,
         dry_run_V=safety.dry_run_V,
         stops_on_dead_pump=safety.dead_pump == "stop",
+        stops_on_lost_lower_level=safety.lost_lower_level == "stop",
         bypass_max_s=safety.bypass_max_s,
     )
 

@@ -54,6 +54,7 @@ class Limits:
     dead_below: float
     dry_run_V: float
     stops_on_dead_pump: bool
+    stops_on_lost_lower_level: bool
     bypass_max_s: float
 
 
@@ -281,6 +282,12 @@ INTERLOCKS: tuple[Interlock, ...] = (
         "a pump is dead",
         Reaction.STOP,
         may_bypass=True,
+    ),
+    Interlock(
+        TripCause.SENSORS_LOST,
+        lambda m, s: m.stops_on_lost_lower_level and not all(s.diagnosis.trusted[:2]),
+        "the level sensor of a lower tank is lost",
+        Reaction.STOP,
     ),
 )
 """In the order in which a trip names its cause when several stand."""

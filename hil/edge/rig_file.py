@@ -80,6 +80,7 @@ class Safety(Section):
     errors_per_s_max: Annotated[int, Field(ge=1, le=1000)]
     dead_below: Annotated[float, Field(ge=0.0, lt=1.0, allow_inf_nan=False)]
     dead_pump: Literal["continue", "stop"]
+    lost_lower_level: Literal["continue", "stop"]
     dry_run_V: NotNegative
     bypass_max_s: Annotated[float, Field(gt=0.0, le=LONGEST_BYPASS_S, allow_inf_nan=False)]
     arm_timeout_s: Positive

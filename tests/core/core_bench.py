@@ -62,6 +62,7 @@ LIMITS = Limits(
     dead_below=0.1,
     dry_run_V=0.5,
     stops_on_dead_pump=False,
+    stops_on_lost_lower_level=False,
     bypass_max_s=600.0,
 )
 

@@ -1,7 +1,7 @@
 """Case 60: any two faults of cases 1 to 44 at any time. Whatever happens, no invariant is broken."""
 
 import pytest
-from faults_bench import CONFIG, MOVING, story
+from faults_bench import CONFIG, MOVING, fault, play, story
 
 from hil.campaign import cases as listing
 from hil.campaign.row import INVARIANTS
@@ -56,6 +56,7 @@ POOL = [
     *(row("valve_split", PUMPS, (0.2, 0.98)) for _ in range(3)),
     *(row("reservoir_low") for _ in range(2)),
 ]
+STOPS = {"safety": {"lost_lower_level": "stop"}}
 RUN_S = 45.0
 PAIRS = 2000
 SHARDS = 20
@@ -97,6 +98,15 @@ def assert_unbroken(seeds):
 def test_case_60_pairs_sample(seeds):
     """Twenty random pairs of faults: the invariants hold."""
     assert_unbroken(seeds)
+
+
+def test_case_60_what_no_sensor_shows_is_for_the_rigs_owner():
+    """A lower tank's outlet blocked after its sensor is lost: with `lost_lower_level = "stop"` the pumps are off."""
+    faults = fault("sensor_garbage", 13.3, 1), fault("outlet_block", 26.3, 1, 0.9956)
+    run = play(story(*faults, duration_s=RUN_S, method="glr", references=MOVING, rig=STOPS), seed=22772)
+    assert (run.outcome.status, run.outcome.reason) == ("stopped", "sensors_lost")
+    assert run.outcome.t_s < 20.0
+    assert run.emulator.truth().spilled_cm3 == 0.0
 
 
 @pytest.mark.long

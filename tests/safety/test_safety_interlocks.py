@@ -76,7 +76,10 @@ def test_before_the_loop_there_is_nothing_to_believe():
 def test_trips_stand_before_stops():
     reactions = [interlock.reaction for interlock in INTERLOCKS]
     assert reactions == sorted(reactions, key=lambda reaction: reaction is Reaction.STOP)
-    assert [i.cause for i in INTERLOCKS if i.reaction is Reaction.STOP] == [TripCause.PUMP_DEAD]
+    assert [i.cause for i in INTERLOCKS if i.reaction is Reaction.STOP] == [
+        TripCause.PUMP_DEAD,
+        TripCause.SENSORS_LOST,
+    ]
 
 
 def test_texts_have_their_numbers():
@@ -265,6 +268,20 @@ def test_a_dead_pump_stops_the_run_if_so_configured(theta):
     assert events[0].data == {"cause": "pump_dead"}
     assert after(off, believing(Diagnosis(theta)))[0].mode is Mode.DEGRADED
     assert after(off, believing(Diagnosis((0.1, 0.1))), limits=stops)[0].mode is Mode.DEGRADED
+
+
+@pytest.mark.parametrize("sensor", range(4))
+def test_a_lost_lower_level_stops_the_run_if_so_configured(sensor):
+    stops = replace(LIMITS, stops_on_lost_lower_level=True)
+    off = but(HEALTHY, "pumps", applied_V=(0.0, 0.0))
+    lost = Diagnosis(trusted=tuple(one != sensor for one in range(4)), level_V=(2.0,) * 4)
+    state, events = after(off, believing(lost), limits=stops)
+    if sensor < 2:
+        assert (state.mode, state.cause, state.stopped_by) == (Mode.STOPPING, None, "sensors_lost")
+        assert events[0].data == {"cause": "sensors_lost"}
+    else:
+        assert state.mode is Mode.DEGRADED
+    assert after(off, believing(lost))[0].mode is Mode.DEGRADED
 
 
 # counters and echoes

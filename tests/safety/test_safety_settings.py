@@ -61,6 +61,7 @@ def test_requests_of_a_scenario_reach_the_controller(tmp_path):
         (asked(at_s=1.0, action='"stop"', who='"me"'), "request[0].who"),
         ("[rig]\nsafety.rim_margin_cm = 1.5\n", "leaves no room for safety.level_max_cm 19 below tanks.height_cm 20"),
         ("[rig]\nsafety.dead_pump = 'hope'\n", "safety.dead_pump"),
+        ("[rig]\nsafety.lost_lower_level = 'hope'\n", "safety.lost_lower_level"),
         ("[rig]\nsafety.bypass_max_s = 601.0\n", "safety.bypass_max_s"),
         ("[rig]\nsafety.invalid_run_max = 0\n", "safety.invalid_run_max"),
     ],
@@ -79,12 +80,14 @@ def test_the_scenario_knows_the_interlocks_that_can_be_bypassed(tmp_path):
         assert found == (OperatorRequest(at_s=1.0, action="bypass", interlock=cause.value, for_s=1.0),)
 
 
-@pytest.mark.parametrize("dead_pump", ["continue", "stop"])
-def test_limits_are_those_of_the_rig_file(tmp_path, dead_pump):
-    limits = controller_config(load(scenario(tmp_path, f'[rig]\nsafety.dead_pump = "{dead_pump}"\n'))).limits
+@pytest.mark.parametrize(("dead_pump", "lost_lower_level"), [("continue", "stop"), ("stop", "continue")])
+def test_limits_are_those_of_the_rig_file(tmp_path, dead_pump, lost_lower_level):
+    policies = f'safety.dead_pump = "{dead_pump}"\nsafety.lost_lower_level = "{lost_lower_level}"\n'
+    limits = controller_config(load(scenario(tmp_path, f"[rig]\n{policies}"))).limits
     safety = tomllib.loads((ROOT / "config/rig.toml").read_text())["safety"]
     for key, value in safety.items():
-        if key not in ("dead_pump", "arm_timeout_s"):
+        if key not in ("dead_pump", "lost_lower_level", "arm_timeout_s"):
             assert getattr(limits, key) == value
     assert limits.stops_on_dead_pump is (dead_pump == "stop")
+    assert limits.stops_on_lost_lower_level is (lost_lower_level == "stop")
     assert (limits.model, limits.lag_s, limits.level_gain_V_cm) == (LIMITS.model, 0.2, 0.5)

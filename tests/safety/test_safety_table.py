@@ -28,6 +28,7 @@ MANUAL_V = (3.5, 1.5)
 LOST = Diagnosis((0.4, 1.0))
 DEAD = Diagnosis((0.05, 1.0))
 STOPS_ON_DEAD = replace(LIMITS, stops_on_dead_pump=True)
+STOPS_ON_LOST = replace(LIMITS, stops_on_lost_lower_level=True)
 
 
 def asked(*requests: Request, base: Inputs = READY) -> Inputs:
@@ -52,6 +53,9 @@ EVENTS = {
     "a pump lost gain": (READY, LOST, LIMITS, "RGGGSTM"),
     "a sensor is replaced": (
         READY, Diagnosis(trusted=(True, False, True, True), level_V=(2.0,) * 4), LIMITS, "RGGGSTM",
+    ),
+    "a lower sensor is lost, which stops": (
+        READY, Diagnosis(trusted=(True, False, True, True), level_V=(2.0,) * 4), STOPS_ON_LOST, "DDSSSTS",
     ),
     "a pump is dead, the other goes on": (READY, DEAD, LIMITS, "RGGGSTM"),
     "a pump is dead, which stops": (READY, DEAD, STOPS_ON_DEAD, "DDSSSTS"),

@@ -22,6 +22,9 @@ RIVALS = 2
 CHECKPOINT_STEPS = 10
 """So long before the onset of what is declared is the filter that one can go back to."""
 
+BACK_MOST = 100
+"""Steps; to live through more of them again takes longer than a step may."""
+
 NO_EVIDENCE = -1e300
 """Of what can't be; still a number, so that differences are."""
 
@@ -164,7 +167,8 @@ def _is_overtaken(setup: Setup, m: Memory, number: int) -> bool:
 
 
 def _has_explained(setup: Setup, m: Memory, number: int) -> bool:
-    return int(m.replays.fit[number] - m.replays.onset[number]) >= setup.tuning.least_fit_steps
+    fit = int(m.replays.fit[number])
+    return fit - m.replays.onset[number] >= setup.tuning.least_fit_steps and m.now - fit <= BACK_MOST
 
 
 def _is_known(setup: Setup, m: Memory, pump: int) -> bool:
