@@ -3,10 +3,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from glr_bench import DETECTOR, PERIOD_S, Plant, play, put
+from glr_bench import DETECTOR, MODEL, PERIOD_S, Plant, play, put
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
+from hil.core.glr.detector import GlrDetector
+from hil.core.glr.tuning import Tuning
 from hil.core.types import UNRESOLVED, Measurement
 
 FAULT_S = 40.0
@@ -74,6 +76,29 @@ def test_a_lower_sensor_that_drifts_is_ambiguous_at_first_and_settled_in_the_end
     assert first.detected_s - FAULT_S < 2.5
     assert named(story) == [("sensor_drift", 1)]
     assert story.alarms[-1].number == first.number
+
+
+HASTY = GlrDetector(MODEL, 0.2, 0.005, Tuning(margin=0.0))
+"""Settles upon the leader at once, which is the wrong one every other time."""
+
+
+@pytest.mark.parametrize(("seed", "tank", "share"), [(60, 0, 0.2), (66, 0, 0.2), (63, 1, 0.3), (66, 1, 0.3)])
+def test_a_blockage_that_was_called_a_drift_is_found_out_and_the_sensor_used_again(seed, tank, share):
+    story = play(seed, FAULT_S + 20.0, ((FAULT_S, put("block", tank, share)),), detector=HASTY)
+    assert named(story) == [("sensor_drift", tank + 1), ("outlet_block", tank + 1)]
+    drift, block = story.settled()
+    assert block.number == drift.number
+    assert block.size == pytest.approx(share, abs=0.02)
+    assert block.isolated_s - FAULT_S < 15.0
+    assert story.last.diagnosis.trusted == (True,) * 4
+    assert 2.0 * max(level[tank] for level in story.true_V) < 15.0
+
+
+@pytest.mark.parametrize("seed", [60, 61, 63])
+def test_a_drift_that_is_one_stays_one(seed):
+    story = play(seed, FAULT_S + 45.0, ((FAULT_S, put("drift", 0, 0.04)),), detector=HASTY)
+    assert named(story) == [("sensor_drift", 1)]
+    assert story.last.diagnosis.trusted[0] is False
 
 
 @pytest.mark.parametrize("sensor", range(4))

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from hil.core.estimator import Estimate
-from hil.core.glr import bank, isolation, process, sensors, verdict
+from hil.core.glr import bank, isolation, process, reconsider, sensors, verdict
 from hil.core.glr.hypotheses import PUMPS
 from hil.core.glr.memory import Memory, Setup
 from hil.core.glr.process import LEVEL
@@ -60,6 +60,7 @@ class GlrDetector:
         self._note(m, t_s, measurement, applied_V)
         alarms = sensors.examine(setup, m, measurement)
         alarms += self._filter(m)
+        alarms += reconsider.step(setup, m, measurement)
         if m.lost:
             alarms += sensors.readmit(setup, m, measurement)
         if m.suspicion is None and m.statistic >= setup.tuning.detect and t_s >= setup.tuning.settle_s:

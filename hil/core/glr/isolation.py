@@ -6,7 +6,7 @@ from math import sqrt
 
 import numpy as np
 
-from hil.core.glr import process, replay, rewind, verdict
+from hil.core.glr import process, reconsider, replay, rewind, verdict
 from hil.core.glr.bank import SLOTS
 from hil.core.glr.hypotheses import BIAS_PRIOR_V, BOTH, JUMPS, PUMPS, H
 from hil.core.glr.memory import Checkpoint, Memory, Setup, Suspicion
@@ -83,7 +83,7 @@ def isolate(setup: Setup, m: Memory, suspicion: Suspicion) -> list[Alarm]:
     if winner is None and (is_late or (_is_overtaken(setup, m, order[0]) and not m.is_doubtful)):
         winner = order[0]
     if winner is not None:
-        return _settle(setup, m, suspicion, winner)
+        return _settle(setup, m, suspicion, winner, order)
     _drop(setup, m, evidence)
     likely = [number for number in order if evidence[number] >= evidence[order[0]] - tuning.margin]
     return _candidates(m, suspicion, likely + _likely_by_bank(setup, m))
@@ -177,7 +177,7 @@ def _is_known(setup: Setup, m: Memory, pump: int) -> bool:
     return sqrt(max(m.replays.P[BOTH, state, state], 0.0)) < setup.tuning.second_pump_std
 
 
-def _settle(setup: Setup, m: Memory, suspicion: Suspicion, winner: int) -> list[Alarm]:
+def _settle(setup: Setup, m: Memory, suspicion: Suspicion, winner: int, order: list[int]) -> list[Alarm]:
     """The winner's filter becomes the filter.
 
     Once it has explained enough it does so as it stood some steps ago, and lives through them again with the bank: a
@@ -197,6 +197,7 @@ def _settle(setup: Setup, m: Memory, suspicion: Suspicion, winner: int) -> list[
     m.restart_bank()
     if has_explained:
         _relive(setup, m, int(r.fit[winner]))
+    m.rival = reconsider.rival_of(setup, m, winner, order, Suspicion(alarms[0].number, alarms[0].detected_s))
     m.verdicts_s = (*m.verdicts_s, m.t_s)[-setup.tuning.verdicts_max :]
     return alarms
 

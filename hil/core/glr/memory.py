@@ -83,6 +83,28 @@ class Probation:
 
 
 @dataclass(slots=True)
+class Rival:
+    """What else it may have been than the drift for which a sensor was given up, with the filters of both.
+
+    number : of the rival hypothesis. suspicion : the drift's, with its alarm's number. sensor : from 0. onset, before :
+    of the rival's jump. own_x, own_P : the drift's filter; both go on with the sensor's readings. lead : of the drift,
+    log-likelihood ratio. until_s : run time at which the drift has proven right.
+    """
+
+    number: int
+    suspicion: Suspicion
+    sensor: int
+    onset: int
+    before: Array
+    x: Array
+    P: Array
+    own_x: Array
+    own_P: Array
+    lead: float
+    until_s: float
+
+
+@dataclass(slots=True)
 class Declared:
     """A fault that has been declared.
 
@@ -123,8 +145,9 @@ class Memory:
     readings in. lost : those that it doesn't. agrees : for how many steps a lost sensor has agreed
     with the filter. noisy : numbers of the alarms of noisy sensors. is_doubtful : whether a sensor that is used repeats
     itself so often that it may be stuck. surprise : running mean square of the whitened innovations. verdicts_s : run
-    times of the latest verdicts. checkpoint : from before the latest one. unproven : the pump that stood still when the
-    other one failed, and for how long it has been driven since; None when both are known.
+    times of the latest verdicts. rival : to the latest drift. checkpoint : from before the latest verdict. unproven :
+    the pump that stood still when the other one failed, and for how long it has been driven since; None when both are
+    known.
     """
 
     x: Array
@@ -154,6 +177,7 @@ class Memory:
     declared: dict[int, Declared] = field(default_factory=dict)
     suspicion: Suspicion | None = None
     probation: Probation | None = None
+    rival: Rival | None = None
     alarms: int = 0
     verdicts_s: tuple[float, ...] = ()
     checkpoint: Checkpoint | None = None

@@ -29,6 +29,7 @@ class Tuning:
     drop_margin : a hypothesis so far behind the likeliest is replayed no further. sharpen_s : a fault told again within
     so long is the same one, told better. replay_budget : filter steps of the replays in one control period; what is
     left waits for the next.
+    rival_s : for so long after a sensor is given up for its drift, a leak or blockage may still turn out to explain it.
     probation_s : for so long a pump's loss is held against "stuck at some flow". readmit_s : a lost sensor that agrees
     with the model for so long is trusted again. diverged : mean square of the whitened innovations that nothing
     explains, over diverged_s; so many verdicts within that time (verdicts_max) explain nothing either.
@@ -58,6 +59,7 @@ class Tuning:
     prior_doubt: float = 0.05
     drop_margin: float = 50.0
     sharpen_s: float = 3.0
+    rival_s: float = 40.0
     replay_budget: int = 600
     probation_s: float = 10.0
     readmit_s: float = 5.0
