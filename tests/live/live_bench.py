@@ -21,6 +21,8 @@ PERIOD_S = 0.1
 LEVELS_AGE_MAX_S = 0.3
 HEARTBEAT_AGE_MAX_S = 0.25
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # started in a shell's background we would hand on none
+
 STORY = """
 [scenario]
 name = "live"
