@@ -31,8 +31,8 @@ SLACK_S = 2.5 * PERIOD_S
 """Between the last change of the output and the last command, which may not have changed it."""
 SILENT = ("stale_levels", "stale_status", "node_lost", "echo_missing")
 """Causes that a silence can have: all begin together, and which age runs out first is a matter of phases."""
-AGE_MAX_S, FIVE_FRAMES_S, HEARTBEATS_S = max(3 * PERIOD_S, 0.15), 0.1, 0.25
-"""What may pass before the controller trips: age of levels, five frames of 20 ms, heartbeats."""
+AGE_MAX_S, FIVE_FRAMES_S, HEARTBEATS_S = max(3 * PERIOD_S, 0.15), 0.1, 0.75
+"""What may pass before the controller trips: age of levels, five frames of 20 ms, heartbeats where frames are lost."""
 STRANGER_S = 0.5
 """For so long a stranger feeds the node, which can't know better; the controller has latched and is silent."""
 OUTAGE_S = 0.6
