@@ -137,6 +137,10 @@ def test_a_run_in_real_time_completes_with_whatever_is_granted(tmp_path):
     assert kpi["recorder_queue_max"] < 1000
 
 
+ROUNDED_S = 1e-8
+"""Times in ticks.csv have so many digits; the last step written and the event may be of the same step."""
+
+
 def test_a_recorder_that_is_killed_does_not_stop_the_run(tmp_path):
     scenario = write_scenario(tmp_path, duration=5.0)
     with (
@@ -155,7 +159,7 @@ def test_a_recorder_that_is_killed_does_not_stop_the_run(tmp_path):
     assert "the recorder is lost" in manifest["recorder"]["errors"][0]
     ticks, events = read(RunFolder.open(run.folder))
     assert events[-1].code == "recorder_lost"
-    assert 1.0 < ticks["t_s"][-1] <= events[-1].t_s, "what it had written is there"
+    assert 1.0 < ticks["t_s"][-1] <= events[-1].t_s + ROUNDED_S, "what it had written is there"
     assert hil("report", run.folder).returncode == 0
 
 
