@@ -10,8 +10,6 @@ from __future__ import annotations
 from math import isfinite, nan
 from typing import Any
 
-import numpy as np
-
 from hil.core.estimator import Estimate
 from hil.core.glr import bank, isolation, process, reconsider, sensors, verdict
 from hil.core.glr.hypotheses import PUMPS
@@ -109,12 +107,7 @@ class GlrDetector:
             return []
         entry = m.entry.copy()
         entry[p.pump] = p.voltage_V
-        setup = self._setup
-        stuck = process.step(
-            setup.c, setup.walk, p.x, p.P, entry, np.empty_like(m.A), np.empty_like(m.K), np.empty_like(m.white),
-            np.empty_like(m.innovation),
-        )  # fmt: skip
-        return verdict.watch_probation(setup, m, likelihood, stuck)
+        return verdict.watch_probation(self._setup, m, likelihood, self._setup.filtered(p.x, p.P, entry))
 
     def _learn_noise(self, m: Memory) -> None:
         """Believe in more noise where innovations are larger than expected, but not while a fault may be why."""

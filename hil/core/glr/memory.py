@@ -42,6 +42,11 @@ class Setup:
         walk[GAIN:LEAK] = tuning.parameter_walk**2
         return cls(tuning, process.constants(model, lag_s), walk, noise_V, EMPTY_STDS * noise_V)
 
+    def filtered(self, x: Array, P: Array, entry: Array) -> float:
+        """One step of a filter beside the main one, in place; see `process.step`."""
+        A, K = np.empty((MOVING, N)), np.empty((N, 4))
+        return process.step(self.c, self.walk, x, P, entry, A, K, np.empty((4, 4)), np.empty(4))
+
 
 @dataclass(slots=True)
 class Suspicion:

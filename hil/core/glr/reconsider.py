@@ -1,18 +1,16 @@
 """Second thoughts: whether it was the sensor that drifted, or the level.
 
-A drift and a leak or blockage of the same tank bend the same reading, and differ in what the level then does. A drift
-called too soon is the dangerous mistake: the sensor that shows the tank filling is no longer listened to. So both
-filters go on with that sensor's readings, and the verdict is turned round when the other one explains them better.
+A drift and a leak or blockage, most of all of the same tank, bend the same reading, and differ in what the level then
+does. A drift called too soon is the dangerous mistake: the sensor that shows the tank filling is no longer listened to.
+So both filters go on with its readings, and the verdict is turned round when the other one explains them better.
 """
 
 from __future__ import annotations
 
-import numpy as np
-
-from hil.core.glr import process, verdict
+from hil.core.glr import verdict
 from hil.core.glr.hypotheses import BOTH, JUMPS
 from hil.core.glr.memory import Memory, Rival, Setup, Suspicion
-from hil.core.glr.process import BIAS, DRIFT, OUTLET, Array
+from hil.core.glr.process import BIAS, DRIFT, OUTLET
 from hil.core.types import Alarm, Measurement
 
 
@@ -51,9 +49,10 @@ def step(setup: Setup, m: Memory, measurement: Measurement) -> list[Alarm]:
         return []
     i = rival.sensor
     entry = m.entry.copy()
-    if measurement.readings > 0 and measurement.valid[i] and measurement.level_V[i] > setup.empty_V:
+    is_heard = measurement.readings > 0 and measurement.valid[i] and measurement.level_V[i] > setup.empty_V
+    if is_heard and not m.channels[i].is_stuck(measurement, i):
         entry[2 + i] = measurement.level_V[i]
-    rival.lead += _filtered(setup, rival.own_x, rival.own_P, entry) - _filtered(setup, rival.x, rival.P, entry)
+    rival.lead += setup.filtered(rival.own_x, rival.own_P, entry) - setup.filtered(rival.x, rival.P, entry)
     if rival.lead > setup.tuning.drop_margin:
         m.rival = None
     if rival.lead > -setup.tuning.detect:
@@ -70,9 +69,3 @@ def _turn(setup: Setup, m: Memory, rival: Rival) -> list[Alarm]:
     alarm = verdict.declare(setup, m, rival.number, rival.before, rival.onset, rival.suspicion)
     m.restart_bank()
     return [alarm]
-
-
-def _filtered(setup: Setup, x: Array, P: Array, entry: Array) -> float:
-    n = len(x)
-    A, K = np.empty((process.MOVING, n)), np.empty((n, 4))
-    return process.step(setup.c, setup.walk, x, P, entry, A, K, np.empty((4, 4)), np.empty(4))
