@@ -21,7 +21,7 @@ $(READY): requirements.lock pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
-	$(BIN)/python -m hil.core.glr
+	$(BIN)/python -m hil.core.diagnosis.glr
 	@touch $@
 
 demo: $(READY)   ## the paper's experiment, table 3 beside the paper's, and its fault with nobody to tell

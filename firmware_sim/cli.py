@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from firmware_sim.control import Control
+    from firmware_sim.command_server import Control
     from firmware_sim.ports import Port
     from firmware_sim.rig import Rig
 
@@ -43,7 +43,7 @@ def serve(
     config: Annotated[Path | None, typer.Option(help="Directory with bench.dbc and emulator.toml.")] = None,
 ) -> None:
     """Emulate the four-tank rig: pump node, level node and tanks, in real time."""
-    from firmware_sim.record import ChangeRecord
+    from firmware_sim.change_record import ChangeRecord
     from firmware_sim.rig import Rig
     from firmware_sim.settings import default_config_dir, load, load_fingerprint
 
@@ -87,7 +87,7 @@ def _scenario_file(folder: Path, scenario: str | None) -> Path | None:
 
 
 def _control(rig: "Rig", where: str | None) -> "Control":
-    from firmware_sim.control import Control, listen_unix
+    from firmware_sim.command_server import Control, listen_unix
     from firmware_sim.links import listen
 
     if where is None:
@@ -118,7 +118,7 @@ def _serve_slcan(rig: "Rig", control: "Control", tcp_port: int | None) -> None:
 def _serve_bus(rig: "Rig", control: "Control", interface: str, channel: str | None, bitrate: int | None) -> None:
     import can
 
-    from firmware_sim.interface import InterfacePort, is_there
+    from firmware_sim.kernel_port import InterfacePort, is_there
     from firmware_sim.ports import BUS_ERRORS, BusPort
 
     is_kernel = interface == "socketcan"

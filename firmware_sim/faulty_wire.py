@@ -10,7 +10,7 @@ from itertools import count
 from can import Message
 
 from firmware_sim.faults.effects import NS_PER_S, Effects, Source, Stage
-from firmware_sim.wire import COMMAND_ID, remade
+from firmware_sim.frames import COMMAND_ID, remade
 
 NOT_OURS = -1
 

@@ -9,11 +9,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from firmware_sim.draw import parts
 from firmware_sim.faults.effects import NS_PER_S, ChannelEffects, Codes, Reading
-from firmware_sim.pump_node import BOOT_COUNT, BOOT_COUNT_MODULUS, Change, Observer
-from firmware_sim.settings import EmulatorSettings
-from firmware_sim.wire import (
+from firmware_sim.frames import (
     COUNTER_MODULUS,
     LEVEL_HEARTBEAT_ID,
     LOWER_LEVELS_ID,
@@ -25,6 +22,9 @@ from firmware_sim.wire import (
     pack_levels,
     unpack_levels,
 )
+from firmware_sim.parameter_spread import parts
+from firmware_sim.pump_node import BOOT_COUNT, BOOT_COUNT_MODULUS, Change, Observer
+from firmware_sim.settings import EmulatorSettings
 
 ADC_RANGE_V = 10.24
 RANGE_MARGIN_V = 0.1

@@ -12,7 +12,7 @@ from collections import deque
 
 from can import Message
 
-from firmware_sim.slcan import SlcanPort
+from firmware_sim.slcan_port import SlcanPort
 
 READ_SIZE = 4096
 OUTPUT_MAX_BYTES = 16_384

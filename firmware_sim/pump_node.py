@@ -23,8 +23,7 @@ from dataclasses import dataclass
 from can import Message
 
 from firmware_sim.faults import NS_PER_S
-from firmware_sim.settings import EmulatorSettings
-from firmware_sim.wire import (
+from firmware_sim.frames import (
     COUNTER_MODULUS,
     PUMP_HEARTBEAT_ID,
     NodeState,
@@ -36,6 +35,7 @@ from firmware_sim.wire import (
     pack_status,
     parse_command,
 )
+from firmware_sim.settings import EmulatorSettings
 
 DAC_RANGE_V = 10.0
 BOOT_COUNT = 1

@@ -9,15 +9,9 @@ Results do not depend on how `advance` cuts time into pieces, nor on who asks fo
 
 from can import Message
 
-from firmware_sim.draw import Turbulence, drawn, parts
 from firmware_sim.faults import NS_PER_S, Fault, FaultSchedule
 from firmware_sim.faulty_wire import NOT_OURS, FaultyWire
-from firmware_sim.level_node import LevelNode, Quad
-from firmware_sim.pump_node import Change, Observer, PumpNode
-from firmware_sim.settings import EmulatorSettings
-from firmware_sim.tanks import Tanks
-from firmware_sim.truth import Truth
-from firmware_sim.wire import (
+from firmware_sim.frames import (
     COMMAND_ID,
     LEVEL_HEARTBEAT_ID,
     LOWER_LEVELS_ID,
@@ -28,6 +22,12 @@ from firmware_sim.wire import (
     NodeState,
     Rejection,
 )
+from firmware_sim.level_node import LevelNode, Quad
+from firmware_sim.parameter_spread import Turbulence, drawn, parts
+from firmware_sim.pump_node import Change, Observer, PumpNode
+from firmware_sim.settings import EmulatorSettings
+from firmware_sim.tanks import Tanks
+from firmware_sim.truth import Truth
 
 __all__ = ["Rig", "Truth"]
 

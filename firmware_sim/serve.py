@@ -7,7 +7,7 @@ import selectors
 import time
 from collections.abc import Callable
 
-from firmware_sim.control import Control
+from firmware_sim.command_server import Control
 from firmware_sim.faults import NS_PER_S
 from firmware_sim.ports import Port
 from firmware_sim.rig import Rig

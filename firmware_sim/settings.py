@@ -9,10 +9,10 @@ from typing import Annotated, Any, cast
 
 from pydantic import ValidationError
 
-from firmware_sim.checks import Table, listed, one_of, per_part, within
 from firmware_sim.faults.base import Fault
 from firmware_sim.faults.catalogue import KINDS
-from firmware_sim.wire import contract_fingerprint
+from firmware_sim.frames import contract_fingerprint
+from firmware_sim.setting_types import Table, listed, one_of, per_part, within
 
 Area = Annotated[float, within(0.1, 1e5)]
 Outlet = Annotated[float, within(1e-4, 1e3)]
@@ -82,7 +82,7 @@ class EmulatorSettings(Table):
     """The whole of emulator.toml.
 
     parameter_spread : outlets, pump gains and valve splits lie this far from the file's values at most, as a share of
-    them; the run's seed draws each (see `firmware_sim.draw`).
+    them; the run's seed draws each (see `firmware_sim.parameter_spread`).
     """
 
     parameter_spread: Annotated[float, within(0.0, 0.5)] = 0.0

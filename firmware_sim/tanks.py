@@ -24,8 +24,8 @@ from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
 
-from firmware_sim.draw import parts
 from firmware_sim.faults.effects import Effects
+from firmware_sim.parameter_spread import parts
 from firmware_sim.settings import EmulatorSettings, equilibrium_cm
 
 LONGEST_STEP_S = 0.02

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
+from firmware_sim.frames import NodeState
 from firmware_sim.level_node import Quad
-from firmware_sim.wire import NodeState
 
 
 @dataclass(frozen=True, slots=True)

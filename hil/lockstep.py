@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from firmware_sim.ports import BusPort as EmulatorPort
 from hil.core.types import Timing
-from hil.edge.bus import BusPort
+from hil.edge.can.bus import BusPort
 from hil.loop import ControlLoop, Outcome
 
 NO_DELAY = Timing()

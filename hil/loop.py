@@ -12,9 +12,9 @@ from typing import Any, Literal, Protocol
 from hil.core import controller, supervisor
 from hil.core.controller import ControllerConfig, ControllerState, Output
 from hil.core.types import Command, Event, Inputs, Mode, NodeState, Quad, Severity, TickRecord, Timing, TripCause
-from hil.wire.checks import Frame, is_plain
-from hil.wire.commands import CommandSender
+from hil.wire.command_sender import CommandSender
 from hil.wire.contract import Contract
+from hil.wire.frame_check import Frame, is_plain
 from hil.wire.receiver import Receiver
 
 Status = Literal["complete", "stopped", "tripped", "failed"]

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from typing import Protocol
 
 from hil.core.types import Timing
-from hil.edge.bus import BusPort
-from hil.edge.clock import AWAKE_NS
+from hil.edge.can.bus import BusPort
+from hil.edge.host.clock import AWAKE_NS
 from hil.loop import ControlLoop, Outcome
 
 STALL_NS = 10_000_000

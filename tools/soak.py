@@ -25,7 +25,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from hil.edge.realtime import DEFAULT_PRIORITY
+from hil.edge.host.realtime import DEFAULT_PRIORITY
 
 BIN = Path(sys.executable).parent
 SCENARIO = Path(__file__).with_suffix(".toml")

@@ -6,7 +6,7 @@ A kind of fault is one frozen table with an `apply` method that writes into `Eff
 
 from firmware_sim.faults.base import Fault, FaultTable
 from firmware_sim.faults.effects import NS_PER_S, Effects
-from firmware_sim.faults.pump import PumpEffectiveness
+from firmware_sim.faults.pump_faults import PumpEffectiveness
 from firmware_sim.faults.schedule import FaultSchedule
 
 __all__ = ["NS_PER_S", "Effects", "Fault", "FaultSchedule", "FaultTable", "PumpEffectiveness"]

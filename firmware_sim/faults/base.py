@@ -5,8 +5,8 @@ from typing import Annotated, Any, Protocol, get_args
 from pydantic import ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
-from firmware_sim.checks import Table, one_of, within
 from firmware_sim.faults.effects import Effects, Episode
+from firmware_sim.setting_types import Table, one_of, within
 
 LONGEST_S = 1e7
 

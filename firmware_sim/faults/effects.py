@@ -10,7 +10,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from can import Message
 
-from firmware_sim.wire import ChannelStatus
+from firmware_sim.frames import ChannelStatus
 
 NS_PER_S = 1_000_000_000
 FAULT_STREAM = 3

@@ -10,7 +10,7 @@ from random import Random
 from typing import Any
 
 from hil.campaign.spec import FaultRow, PoolRow, Spec, Target
-from hil.edge.settings import merged
+from hil.edge.config.settings_file import merged
 
 KEY_DIGITS = 16
 ONSET_DIGITS = 6

@@ -14,9 +14,9 @@ from hil.campaign.cases import Case
 from hil.campaign.observer import Observations, rate_broken
 from hil.campaign.row import CRASHED, Row, Took
 from hil.core.types import UNRESOLVED
-from hil.edge.run_folder import Window
+from hil.edge.record.run_folder import Window
 from hil.loop import Outcome as Ending
-from hil.review.alarms import Finding, Injected, Verdict, injected, judge, merged
+from hil.review.alarms import Finding, Injected, Judgement, injected, judge, merged
 from hil.review.kpi import absolute_error_integral, after_fault_window, dry_run
 
 PUMP_LOSS = "pump_effectiveness"
@@ -25,7 +25,7 @@ Bound = Callable[[Case], float | None]
 
 
 @dataclass(frozen=True)
-class Bench:
+class RigFigures:
     """What a run's figures need of its configuration. rate_V_s : steepest change of an output that is asked for."""
 
     windows: tuple[Window, ...]
@@ -45,7 +45,7 @@ class Rest:
 
 def evaluate(
     case: Case,
-    bench: Bench,
+    bench: RigFigures,
     seen: Observations,
     ending: Ending,
     rest: Rest,
@@ -108,7 +108,7 @@ def _about(case: Case, faults: Sequence[Injected]) -> dict[str, Any]:
 
 
 def _diagnosis(
-    process: Sequence[Injected], verdict: Verdict, findings: Sequence[Finding], seen: Observations
+    process: Sequence[Injected], verdict: Judgement, findings: Sequence[Finding], seen: Observations
 ) -> dict[str, Any]:
     """How the findings fare against the faults of the process."""
     answers = [finding for finding in verdict.answers if finding is not None]
@@ -140,7 +140,7 @@ def _diagnosis(
     }
 
 
-def _size_error(verdict: Verdict, faults: Sequence[Injected], seen: Observations, after_s: float) -> float | None:
+def _size_error(verdict: Judgement, faults: Sequence[Injected], seen: Observations, after_s: float) -> float | None:
     """Largest error of a lost pump's effectiveness, `after_s` after its isolation; None where there is none."""
     errors = []
     t_s = seen.column("t_s")
@@ -155,7 +155,7 @@ def _size_error(verdict: Verdict, faults: Sequence[Injected], seen: Observations
     return max(errors) if errors and is_all_pumps else None
 
 
-def _errors(bench: Bench, seen: Observations, faults: Sequence[Injected]) -> dict[str, Any]:
+def _errors(bench: RigFigures, seen: Observations, faults: Sequence[Injected]) -> dict[str, Any]:
     """Integrals of the absolute error: the whole run, the scenario's windows, what follows the first fault."""
     whole = _iae(bench, seen, Window("run", 0.0, math.inf))
     after = _iae(bench, seen, after_fault_window(faults, bench.windows)) if faults else (None, None)
@@ -168,7 +168,7 @@ def _errors(bench: Bench, seen: Observations, faults: Sequence[Injected]) -> dic
     }
 
 
-def _iae(bench: Bench, seen: Observations, window: Window) -> tuple[float, float]:
+def _iae(bench: RigFigures, seen: Observations, window: Window) -> tuple[float, float]:
     first, second = (
         absolute_error_integral(
             seen.column("t_s"),
@@ -183,7 +183,7 @@ def _iae(bench: Bench, seen: Observations, window: Window) -> tuple[float, float
     return first, second
 
 
-def _safety(bench: Bench, seen: Observations, rest: Rest, faults: Sequence[Injected]) -> dict[str, Any]:
+def _safety(bench: RigFigures, seen: Observations, rest: Rest, faults: Sequence[Injected]) -> dict[str, Any]:
     """The invariants, true where broken."""
     levels_cm, applied_V = seen.steps[:, 3:7], seen.steps[:, 7:9]
     level_max_cm = float(levels_cm.max()) if len(levels_cm) else None

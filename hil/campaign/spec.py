@@ -7,7 +7,16 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
-from hil.edge.settings import LONGEST_S, Finite, NotNegative, Positive, Section, SettingsError, read_toml, validated
+from hil.edge.config.settings_file import (
+    LONGEST_S,
+    Finite,
+    NotNegative,
+    Positive,
+    Section,
+    SettingsError,
+    read_toml,
+    validated,
+)
 
 MOST_SEEDS = 1_000_000
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
@@ -15,7 +24,7 @@ Span = tuple[NotNegative, NotNegative]
 Target = int | str
 
 
-class About(Section):
+class CampaignInfo(Section):
     """Name, scenarios and seeds. scenarios : paths, from the file's own folder. duration_s : instead of theirs."""
 
     name: Name
@@ -77,7 +86,7 @@ class Spec(Section):
     emulator, rig, diagnosis, control : laid over the scenarios' tables of that name.
     """
 
-    campaign: About
+    campaign: CampaignInfo
     emulator: dict[str, Any] = Field(default_factory=dict)
     rig: dict[str, Any] = Field(default_factory=dict)
     diagnosis: dict[str, Any] = Field(default_factory=dict)

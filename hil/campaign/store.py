@@ -17,7 +17,7 @@ from typing import Any, get_type_hints
 from hil.campaign.cases import Case
 from hil.campaign.row import Row
 from hil.campaign.toml_text import toml_text
-from hil.edge.run_folder import RunFolderError, write_atomically
+from hil.edge.record.run_folder import RunFolderError, write_atomically
 
 ARROW_TYPES = {str: "string", int: "int64", float: "float64", bool: "bool_"}
 

@@ -80,7 +80,7 @@ def main() -> None:
         _complain("interrupted")
         code = SIGNAL_EXIT_CODES["SIGINT"]
     except Exception as error:
-        from hil.cli.errors import USER_ERRORS  # only now: it brings in all that can raise them
+        from hil.bench.user_errors import USER_ERRORS  # only now: it brings in all that can raise them
 
         if not isinstance(error, USER_ERRORS):
             raise
@@ -126,15 +126,16 @@ def simulate(
     report: ReportChoice = True,
 ) -> None:
     """Run a scenario in lockstep with the emulator, every frame on a virtual CAN bus, much faster than real time."""
-    from hil.cli import build, experiment, show
+    from hil.bench import assembly, lockstep_run, run_options
+    from hil.cli import run_display
 
-    bench = build.load(scenario, config)
-    folder = out or experiment.default_folder(bench.scenario.scenario.name, datetime.now())
-    options = experiment.Options(folder, seed, duration, rerun)
+    bench = assembly.load(scenario, config)
+    folder = out or run_options.default_folder(bench.scenario.scenario.name, datetime.now())
+    options = run_options.RunOptions(folder, seed, duration, rerun)
     console = Console()
-    with show.progress(console, bench, duration) as advance:
-        figures = experiment.simulate(bench, options, advance)
-    show.finish(console, folder, figures, with_report=report)
+    with run_display.progress(console, bench, duration) as advance:
+        figures = lockstep_run.simulate(bench, options, advance)
+    run_display.finish(console, folder, figures, with_report=report)
     raise typer.Exit(EXIT_CODES[figures.status])
 
 
@@ -159,21 +160,22 @@ def run(
     cpu: Annotated[Optional[int], typer.Option(metavar="N", help="Stay on this processor. Default: any.")] = None,
 ) -> None:
     """Run a scenario in real time on a CAN bus: the rig's, or the emulator's (firmware-sim). Moves pumps."""
-    from hil.edge.realtime import wish
+    from hil.edge.host.realtime import wish
 
     wanted = wish(realtime, priority, cpu)  # before numpy is loaded: it may be told to start no threads
-    from hil.cli import build, experiment, show
-    from hil.edge.bus import BusAddress
+    from hil.bench import assembly, live_run, run_options
+    from hil.cli import run_display
+    from hil.edge.can.bus import BusAddress
 
-    bench = build.load(scenario, config)
+    bench = assembly.load(scenario, config)
     bus = bench.rig.bus
     address = BusAddress(interface or bus.interface, channel or bus.channel, bitrate or bus.bitrate)
-    folder = out or experiment.default_folder(bench.scenario.scenario.name, datetime.now())
-    options = experiment.Options(folder, duration_s=duration, rerun=rerun, clear_trip=clear_trip, realtime=wanted)
+    folder = out or run_options.default_folder(bench.scenario.scenario.name, datetime.now())
+    options = run_options.RunOptions(folder, duration_s=duration, rerun=rerun, clear_trip=clear_trip, realtime=wanted)
     console = Console()
-    with show.live_status(console, with_table=not realtime) as watch:
-        figures, outcome = experiment.run_live(bench, options, address, watch)
-    show.finish(console, folder, figures, with_report=report)
+    with run_display.live_status(console, with_table=not realtime) as watch:
+        figures, outcome = live_run.run_live(bench, options, address, watch)
+    run_display.finish(console, folder, figures, with_report=report)
     raise typer.Exit(SIGNAL_EXIT_CODES.get(outcome.reason.partition(";")[0], EXIT_CODES[outcome.status]))
 
 
@@ -189,10 +191,10 @@ def doctor(
     config: ConfigDir = None,
 ) -> None:
     """Check bus, nodes, sensors, watchdog and host before a run: what was found, what to do. Moves no pump unasked."""
-    from hil.cli import doctor as examination
-    from hil.doctor.probe import InterruptedByUserError
+    from hil.cli import doctor_command as examination
+    from hil.probe.bus_probe import InterruptedByUserError
 
-    options = examination.Options(interface, channel, bitrate, seconds, with_pumps, config)
+    options = examination.DoctorOptions(interface, channel, bitrate, seconds, with_pumps, config)
     try:
         raise typer.Exit(examination.run(Console(), options))
     except InterruptedByUserError as error:
@@ -219,10 +221,12 @@ def conformance(
     config: ConfigDir = None,
 ) -> None:
     """Test the nodes on a bench against docs/firmware.md, as the emulator is tested. Moves no pump unasked."""
-    from hil.cli import conformance as examination
-    from hil.doctor.probe import InterruptedByUserError
+    from hil.cli import conformance_command as examination
+    from hil.probe.bus_probe import InterruptedByUserError
 
-    options = examination.Options(interface, channel, bitrate, node.value, with_pumps, json_file, power_cycle, config)
+    options = examination.ConformanceOptions(
+        interface, channel, bitrate, node.value, with_pumps, json_file, power_cycle, config
+    )
     try:
         raise typer.Exit(examination.run(Console(), options))
     except InterruptedByUserError as error:
@@ -249,9 +253,9 @@ def campaign(
     report: ReportChoice = True,
 ) -> None:
     """Run scenarios times faults times seeds over all cores; table of outcomes, report. 3: an invariant was broken."""
-    from hil.cli import campaign as campaigns
+    from hil.cli import campaign_command as campaigns
 
-    options = campaigns.Options(out, config, seeds, first_seed, duration or None, processes, scheduler, report)
+    options = campaigns.CampaignOptions(out, config, seeds, first_seed, duration or None, processes, scheduler, report)
     raise typer.Exit(campaigns.run(Console(), spec, options))
 
 
@@ -261,7 +265,7 @@ def demo(
     config: ConfigDir = None,
 ) -> None:
     """Run the paper's experiment: its table 3 beside the paper's, and its fault once more with nobody to tell of it."""
-    from hil.cli import demo as demonstration
+    from hil.cli import demo_command as demonstration
 
     demonstration.run(Console(), out, config)
 
@@ -275,7 +279,7 @@ def design(
     ] = None,
 ) -> None:
     """Show both designs: gains, poles, zeros, RGA, noise gain, and what one pump's loss does to them."""
-    from hil.cli import design as designs
+    from hil.cli import design_command as designs
 
     designs.run(Console(), config, out)
 
@@ -283,7 +287,7 @@ def design(
 @app.command()
 def view(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A run folder.")]) -> None:
     """Open a run's recording in the Rerun viewer."""
-    from hil.edge.run_folder import RunFolder
+    from hil.edge.record.run_folder import RunFolder
     from hil.review.view import view as open_viewer
 
     open_viewer(RunFolder.open(folder))
@@ -298,9 +302,9 @@ def report(
     ] = None,
 ) -> None:
     """Write a run's key figures and report.html anew, beside another run's if wanted."""
-    from hil.edge.run_folder import RunFolder, RunFolderError
+    from hil.edge.record.run_folder import RunFolder, RunFolderError
     from hil.review import kpi
-    from hil.review.report import write_report
+    from hil.review.run_report import write_report
 
     first = RunFolder.open(folder)
     second = RunFolder.open(compare) if compare else None

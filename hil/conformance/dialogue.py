@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from hil.core.types import NodeState, Pair
-from hil.doctor.observation import COMMAND, STATUS, Arrival
-from hil.doctor.probe import OFF_V, PATIENCE_S, Probe, ProbeError
+from hil.probe.bus_probe import OFF_V, PATIENCE_S, Probe, ProbeError
+from hil.probe.observation import COMMAND, STATUS, Arrival
 from hil.wire.contract import crc8
 
 GAP_S = 0.002
@@ -15,7 +15,7 @@ GAP_S = 0.002
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class CommandFrame:
     """A payload under PumpCommand's identifier, valid or not."""
 
     data: bytes
@@ -45,21 +45,21 @@ class Dialogue:
 
     def valid(
         self, voltage_V: Pair = OFF_V, *, enable: bool = False, clear: bool = False, counter: int | None = None
-    ) -> Frame:
+    ) -> CommandFrame:
         """A command that the node has to take. counter : another step than 1; the count goes on from there."""
         if counter is not None:
             self.probe.counter = counter % 16
-        return Frame(self.probe.payload(voltage_V, enable=enable, clear=clear, counter=self._counter(counter)))
+        return CommandFrame(self.probe.payload(voltage_V, enable=enable, clear=clear, counter=self._counter(counter)))
 
-    def stale(self, step: int) -> Frame:
+    def stale(self, step: int) -> CommandFrame:
         """Enabled, 0 V, with a counter so many steps on from the last one; that one stays the last."""
         last = self.probe.counter or 0
-        return Frame(self.probe.payload(enable=True, counter=(last + step) % 16))
+        return CommandFrame(self.probe.payload(enable=True, counter=(last + step) % 16))
 
-    def sealed(self, body: bytes, crc_start: int | None = None) -> Frame:
+    def sealed(self, body: bytes, crc_start: int | None = None) -> CommandFrame:
         """A payload's bytes with their CRC, PumpCommand's or one that starts otherwise."""
         start = self.spec.crc_start if crc_start is None else crc_start
-        return Frame(body + bytes((crc8(body, start),)))
+        return CommandFrame(body + bytes((crc8(body, start),)))
 
     def body(self, raw: tuple[int, int] = (0, 0), *, enable: bool = True, spare: int = 0, ahead: int = 0) -> bytes:
         """The bytes before the CRC. raw : multiples of 0.2 mV.
@@ -76,7 +76,7 @@ class Dialogue:
             raise ProbeError("no PumpStatus")
         return status
 
-    def say(self, *frames: Frame, gap_s: float = GAP_S) -> Reply:
+    def say(self, *frames: CommandFrame, gap_s: float = GAP_S) -> Reply:
         """Send frames one after the other and see what the node made of them.
 
         The first status after the last frame may have been on its way already; the second can't have been.

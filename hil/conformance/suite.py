@@ -6,16 +6,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
-from hil.conformance import boot, commands, trips, voltages
+from hil.conformance import boot_tests, command_tests, trip_tests, voltage_tests
 from hil.conformance.dialogue import Dialogue, Question
 from hil.core.types import NodeState, Pair
-from hil.doctor import watchdog
-from hil.doctor.frames import check_integrity, check_period
-from hil.doctor.nodes import check_contract
-from hil.doctor.observation import HEARTBEATS, LEVEL_FRAMES, STATUS, Observation
-from hil.doctor.probe import InterruptedByUserError, Probe, ProbeError
-from hil.doctor.result import Result, Verdict, failed, has_failed, not_checked, passed, warned
-from hil.doctor.sensors import check_range
+from hil.doctor import check_watchdog
+from hil.doctor.check_frames import check_integrity, check_period
+from hil.doctor.check_nodes import check_contract
+from hil.doctor.check_sensors import check_range
+from hil.probe.bus_probe import InterruptedByUserError, Probe, ProbeError
+from hil.probe.observation import HEARTBEATS, LEVEL_FRAMES, STATUS, Observation
+from hil.probe.result import Result, Verdict, failed, has_failed, not_checked, passed, warned
 
 LISTEN_S = 5.0
 PERIOD_TOLERANCE = 0.05
@@ -24,34 +24,34 @@ STILL = 2.0
 SEE = "docs/firmware.md"
 
 COMMANDS: tuple[tuple[str, Question], ...] = (
-    ("takes valid commands", commands.takes_valid),
-    ("runs when enabled", commands.runs_when_enabled),
-    ("takes a newer counter", commands.takes_newer),
-    ("refuses a repeated counter", commands.refuses_repeated),
-    ("refuses an old counter", commands.refuses_old),
-    ("takes any counter after silence", commands.resynchronises),
-    ("refuses a wrong CRC", commands.refuses_wrong_crc),
-    ("refuses every flipped bit", commands.refuses_flipped_bits),
-    ("refuses another data id", commands.refuses_other_data_id),
-    ("refuses a wrong length", commands.refuses_wrong_length),
-    ("refuses an extended frame", commands.refuses_extended),
-    ("refuses a remote frame", commands.refuses_remote),
-    ("refuses a voltage out of range", commands.refuses_out_of_range),
-    ("ignores spare bits", commands.ignores_spare_bits),
-    ("needs no commands when ready", commands.stays_ready),
+    ("takes valid commands", command_tests.takes_valid),
+    ("runs when enabled", command_tests.runs_when_enabled),
+    ("takes a newer counter", command_tests.takes_newer),
+    ("refuses a repeated counter", command_tests.refuses_repeated),
+    ("refuses an old counter", command_tests.refuses_old),
+    ("takes any counter after silence", command_tests.resynchronises),
+    ("refuses a wrong CRC", command_tests.refuses_wrong_crc),
+    ("refuses every flipped bit", command_tests.refuses_flipped_bits),
+    ("refuses another data id", command_tests.refuses_other_data_id),
+    ("refuses a wrong length", command_tests.refuses_wrong_length),
+    ("refuses an extended frame", command_tests.refuses_extended),
+    ("refuses a remote frame", command_tests.refuses_remote),
+    ("refuses a voltage out of range", command_tests.refuses_out_of_range),
+    ("ignores spare bits", command_tests.ignores_spare_bits),
+    ("needs no commands when ready", command_tests.stays_ready),
 )
 TRIPS: tuple[tuple[str, Question], ...] = (
-    ("watchdog is not fed by refused frames", trips.is_not_fed_by_refused),
-    ("trip is latched", trips.is_latched),
-    ("clearing needs rest", trips.clear_must_be_at_rest),
-    ("trip is cleared", trips.clears),
-    ("clearing is harmless when ready", trips.clear_is_harmless),
+    ("watchdog is not fed by refused frames", trip_tests.is_not_fed_by_refused),
+    ("trip is latched", trip_tests.is_latched),
+    ("clearing needs rest", trip_tests.clear_must_be_at_rest),
+    ("trip is cleared", trip_tests.clears),
+    ("clearing is harmless when ready", trip_tests.clear_is_harmless),
 )
 WITH_PUMPS: tuple[tuple[str, Question], ...] = (
-    ("applies what is commanded", voltages.applies),
-    ("refuses while running", voltages.refuses_while_running),
-    ("trips to 0 V", voltages.trips_to_zero),
-    ("never moves after a trip", voltages.never_moves_after_a_trip),
+    ("applies what is commanded", voltage_tests.applies),
+    ("refuses while running", voltage_tests.refuses_while_running),
+    ("trips to 0 V", voltage_tests.trips_to_zero),
+    ("never moves after a trip", voltage_tests.never_moves_after_a_trip),
 )
 WATCHDOG, AT_ZERO, BOOTS = "watchdog after 250 ms", "waits at 0 V", "does not boot anew"
 POWER_CYCLE = "boots at 0 V"
@@ -145,7 +145,7 @@ def _ask(probe: Probe, heard: Observation, *, with_pumps: bool) -> list[Result]:
 
 def _power_cycle(probe: Probe, within_s: float) -> Result:
     """Off and on again: it boots at 0 V with the next boot count and nothing accepted, and waits to be commanded."""
-    wrong = boot.boots_at_rest(probe, within_s)
+    wrong = boot_tests.boots_at_rest(probe, within_s)
     return failed(POWER_CYCLE, wrong, SEE) if wrong else passed(POWER_CYCLE, "as it must")
 
 
@@ -175,7 +175,7 @@ def _stood_still(seen: Observation) -> bool:
 def _watchdog(node: Dialogue) -> Result:
     if not node.settle():
         return failed(WATCHDOG, "the node can't be brought to ready", SEE)
-    return watchdog.check_watchdog(watchdog.measure(node.probe), WATCHDOG)
+    return check_watchdog.check_watchdog(check_watchdog.measure(node.probe), WATCHDOG)
 
 
 def _waits(heard: Observation) -> Result:

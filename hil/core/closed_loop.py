@@ -7,9 +7,10 @@ from math import inf
 from typing import Any
 
 from hil.core import estimator, state_feedback
-from hil.core.diagnosis import FaultDetector
+from hil.core.diagnosis.detector import FaultDetector
 from hil.core.estimator import Estimate, LevelFilter
-from hil.core.reconfiguration import ControlLaw, Reconfiguration
+from hil.core.reconfiguration import Reconfiguration
+from hil.core.state_feedback import ControlLaw
 from hil.core.types import UNRESOLVED, Alarm, Diagnosis, Event, Inputs, Measurement, Pair, Quad, Severity
 
 TIME_TOLERANCE_S = 1e-6

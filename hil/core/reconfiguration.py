@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
-from hil.core.design import GainDesign, Gains
+from hil.core.design import GainDesign
+from hil.core.state_feedback import ControlLaw
 from hil.core.tanks import TankModel, equilibrium, linearise, nearest_reachable
-from hil.core.types import Pair, Quad
+from hil.core.types import Pair
 
 LEAST_EFFECTIVENESS = 0.05
 """A pump with less left than this is dead: no feedback reaches it. It stands by at the voltage that a sound one would
@@ -15,35 +15,6 @@ need, and shows there if it comes back."""
 
 LOWEST_LINEARISED_CM = 0.2
 """Eq. (3) has no time constant for an empty tank; below this level the gains no longer follow."""
-
-
-@dataclass(frozen=True)
-class ControlLaw:
-    """What state feedback runs on until reference or diagnosis change.
-
-    operating_level_cm : (4,) x = h - this. operating_V : (2,) v0, for nominal pumps. target_V : (2,) outputs aimed at.
-    effectiveness : (2,) what v = (v0 + u)/theta divides by. reason : why the target is not the reference; "" if it is.
-    standby_V : (2,) what a dead pump gets; None for one that works.
-    """
-
-    gains: Gains
-    operating_level_cm: Quad
-    operating_V: Pair
-    target_V: Pair
-    effectiveness: Pair
-    reason: str
-    standby_V: tuple[float | None, float | None] = (None, None)
-
-    @cached_property
-    def pump_gain(self) -> tuple[float, ...]:
-        """(12,) the gain in force on the pumps, by rows: levels, then integrals, divided by effectiveness."""
-        return tuple(
-            value / theta
-            for levels, integrals, theta in zip(
-                self.gains.levels_V_cm, self.gains.integrals_1_s, self.effectiveness, strict=True
-            )
-            for value in (*levels, *integrals)
-        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,40 @@ theta is what is left of each pump's gain; v0 + u is the *effective* voltage, th
 
 from __future__ import annotations
 
-from hil.core.reconfiguration import ControlLaw
+from dataclasses import dataclass
+from functools import cached_property
+
+from hil.core.design import Gains
 from hil.core.types import Pair, Quad
+
+
+@dataclass(frozen=True)
+class ControlLaw:
+    """What state feedback runs on until reference or diagnosis change.
+
+    operating_level_cm : (4,) x = h - this. operating_V : (2,) v0, for nominal pumps. target_V : (2,) outputs aimed at.
+    effectiveness : (2,) what v = (v0 + u)/theta divides by. reason : why the target is not the reference; "" if it is.
+    standby_V : (2,) what a dead pump gets; None for one that works.
+    """
+
+    gains: Gains
+    operating_level_cm: Quad
+    operating_V: Pair
+    target_V: Pair
+    effectiveness: Pair
+    reason: str
+    standby_V: tuple[float | None, float | None] = (None, None)
+
+    @cached_property
+    def pump_gain(self) -> tuple[float, ...]:
+        """(12,) the gain in force on the pumps, by rows: levels, then integrals, divided by effectiveness."""
+        return tuple(
+            value / theta
+            for levels, integrals, theta in zip(
+                self.gains.levels_V_cm, self.gains.integrals_1_s, self.effectiveness, strict=True
+            )
+            for value in (*levels, *integrals)
+        )
 
 
 def effective_voltage(law: ControlLaw, integral_Vs: Pair, level_cm: Quad) -> Pair:

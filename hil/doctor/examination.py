@@ -9,13 +9,13 @@ from dataclasses import dataclass
 
 from hil.core.tanks import TankModel
 from hil.core.types import NodeState, Pair
-from hil.doctor import echo, ramp, watchdog
-from hil.doctor.frames import check_frames, check_strangers
-from hil.doctor.nodes import check_nodes, is_free
-from hil.doctor.observation import STATUS, Observation
-from hil.doctor.probe import Probe, ProbeError
-from hil.doctor.result import Result, failed, has_failed, not_checked
-from hil.doctor.sensors import check_sensors
+from hil.doctor import check_echo, check_ramp, check_watchdog
+from hil.doctor.check_frames import check_frames, check_strangers
+from hil.doctor.check_nodes import check_nodes, is_free
+from hil.doctor.check_sensors import check_sensors
+from hil.probe.bus_probe import Probe, ProbeError
+from hil.probe.observation import STATUS, Observation
+from hil.probe.result import Result, failed, has_failed, not_checked
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,14 +58,16 @@ def _command(probe: Probe, wants: Expectations, observation: Observation, result
     status = observation.last(STATUS)
     if not is_free(observation) or status is None:
         why = "nothing is sent: the pump node does not wait for our commands"
-        results += [watchdog.unchecked(why), not_checked("echo latency", why)]
+        results += [check_watchdog.unchecked(why), not_checked("echo latency", why)]
         return
     if NodeState(int(status.values["State"])) is NodeState.TRIPPED:
-        results.append(watchdog.unchecked("the pump node has tripped already: clear it first"))
+        results.append(check_watchdog.unchecked("the pump node has tripped already: clear it first"))
     else:
-        results.append(watchdog.check_watchdog(watchdog.measure(probe)))
+        results.append(check_watchdog.check_watchdog(check_watchdog.measure(probe)))
     cycle_s = observation.contract.frames[STATUS].cycle_s
-    results.append(echo.check_echo(echo.measure(probe, wants.echo_age_max_s), cycle_s, wants.echo_age_max_s))
+    results.append(
+        check_echo.check_echo(check_echo.measure(probe, wants.echo_age_max_s), cycle_s, wants.echo_age_max_s)
+    )
 
 
 def _move(probe: Probe, wants: Expectations, results: list[Result]) -> None:
@@ -73,19 +75,19 @@ def _move(probe: Probe, wants: Expectations, results: list[Result]) -> None:
     for pump in (0, 1):
         status = probe.listener.newest(STATUS)
         if has_failed(results):
-            results += ramp.unchecked("no pump is moved after a failed check", "mend what failed and look again")
+            results += check_ramp.unchecked("no pump is moved after a failed check", "mend what failed and look again")
             return
         if status is None or NodeState(int(status.values["State"])) is not NodeState.READY:
-            results += ramp.unchecked("the pump node is not ready", "clear its trip first: hil run --clear-trip")
+            results += check_ramp.unchecked("the pump node is not ready", "clear its trip first: hil run --clear-trip")
             return
-        top_V, rate_V_s = ramp.TOP_V, ramp.TOP_V / ramp.RISE_S
+        top_V, rate_V_s = check_ramp.TOP_V, check_ramp.TOP_V / check_ramp.RISE_S
         if not wants.pump_range_V[0] <= top_V <= wants.pump_range_V[1] or rate_V_s > wants.rate_V_s:
             why = f"a ramp to {top_V:g} V at {rate_V_s:g} V/s is beyond pumps.range_V or rate_V_s of rig.toml"
-            results += ramp.unchecked(why, "")
+            results += check_ramp.unchecked(why, "")
             return
-        level_cm = ramp.levels_cm(probe.listen(ramp.REST_S), wants.model.level_gain_V_cm)
-        if not ramp.may_move(level_cm, wants.level_max_cm):
-            results += ramp.unchecked("a tank is nearly full", "let it run empty first")
+        level_cm = check_ramp.levels_cm(probe.listen(check_ramp.REST_S), wants.model.level_gain_V_cm)
+        if not check_ramp.may_move(level_cm, wants.level_max_cm):
+            results += check_ramp.unchecked("a tank is nearly full", "let it run empty first")
             return
-        done = ramp.run(probe, pump, wants.model.level_gain_V_cm, wants.lag_s)
-        results += ramp.check_ramp(done, wants.model, wants.echo_tolerance_V)
+        done = check_ramp.run(probe, pump, wants.model.level_gain_V_cm, wants.lag_s)
+        results += check_ramp.check_ramp(done, wants.model, wants.echo_tolerance_V)

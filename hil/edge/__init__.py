@@ -1,1 +1,1 @@
-"""The border to the machine: clock, bus, settings, files. What is pure lives in `hil.core`."""
+"""Everything that touches the machine: CAN buses, records, configuration files, the host."""

@@ -72,7 +72,7 @@ class Injected:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class Judgement:
     """Findings set against what was there.
 
     answers : for each of `faults` the finding that speaks of it, None where it was missed. false : findings while
@@ -130,7 +130,7 @@ def injected(faults: Iterable[Mapping[str, Any]]) -> tuple[Injected, ...]:
     return tuple(sorted(found, key=lambda fault: fault.at_s))
 
 
-def judge(faults: Sequence[Injected], findings: Sequence[Finding]) -> Verdict:
+def judge(faults: Sequence[Injected], findings: Sequence[Finding]) -> Judgement:
     """Who speaks of what: first those that name a fault rightly, then, in the order of time, whoever came after one."""
     process = [index for index, fault in enumerate(faults) if fault.is_of_the_process]
     first_s = min((faults[index].at_s for index in process), default=math.inf)
@@ -143,7 +143,7 @@ def judge(faults: Sequence[Injected], findings: Sequence[Finding]) -> Verdict:
             if answers[index] is None and match is not None:
                 answers[index] = match
                 left.remove(match)
-    return Verdict(tuple(faults), tuple(answers), false, tuple(left))
+    return Judgement(tuple(faults), tuple(answers), false, tuple(left))
 
 
 def _first(number: int, alarm: Mapping[str, Any]) -> Finding:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import rerun as rr
 import rerun.blueprint as rrb
 
-from hil.edge.rerun_log import TIMELINE
+from hil.edge.record.rerun_log import TIMELINE
 
 
 def blueprint(duration_s: float | None = None) -> rrb.Blueprint:

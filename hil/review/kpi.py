@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 
 from hil.core.types import Mode
-from hil.edge.run_folder import Manifest, RunFolder, RunFolderError, RunPlan, Window, write_atomically
+from hil.edge.record.run_folder import Manifest, RunFolder, RunFolderError, RunPlan, Window, write_atomically
 from hil.review.alarms import Injected, injected, judge, merged
 from hil.review.ticks import Floats, LoggedEvent, Ticks, read
 

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rich.table import Table
-
 from hil.core.types import Pair
 from hil.review.kpi import Kpi
 
@@ -54,21 +52,3 @@ def cell(value_Vs: float | None) -> str:
 def deviation(ours_Vs: float | None, paper_Vs: float) -> str:
     """How far a number is from the paper's, in per cent of it."""
     return "" if ours_Vs is None else f"{100.0 * (ours_Vs / paper_Vs - 1.0):+.2f} %".replace("-", "−")
-
-
-def table(*kpis: Kpi) -> Table:
-    """For the terminal: the paper's table with the given runs beside it."""
-    drawn = Table(title="Integral of the absolute error in V s, beside the paper's table 3", title_style="bold")
-    drawn.add_column("Window")
-    drawn.add_column("Strategy")
-    for output in (1, 2):
-        drawn.add_column(f"Output {output}\npaper", justify="right", style="dim")
-        drawn.add_column("this run", justify="right", style="bold")
-        drawn.add_column("", justify="right")
-    for index, line in enumerate(lines(*kpis)):
-        cells = [line.window if index % 2 == 0 else "", line.strategy]
-        for output in (0, 1):
-            ours_Vs = None if line.ours_Vs is None else line.ours_Vs[output]
-            cells += [cell(line.paper_Vs[output]), cell(ours_Vs), deviation(ours_Vs, line.paper_Vs[output])]
-        drawn.add_row(*cells, end_section=index == 1)
-    return drawn

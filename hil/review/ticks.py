@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from hil.edge.run_folder import RunFolder, RunFolderError
+from hil.edge.record.run_folder import RunFolder, RunFolderError
 
 Floats = npt.NDArray[np.float64]
 

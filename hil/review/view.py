@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 
-from hil.edge.run_folder import RunFolder, RunFolderError
+from hil.edge.record.run_folder import RunFolder, RunFolderError
 
 START_S = 3.0  # a viewer that cannot start (no screen, no graphics) gives up sooner
 

@@ -9,9 +9,9 @@ from functools import partial
 from math import inf, nan
 
 from hil.core.types import BusHealth, Measurement, NodeHealth, NodeState, Pair, PumpFeedback
-from hil.wire.checks import Frame, FrameCheck, Rejection
-from hil.wire.commands import CommandSender
+from hil.wire.command_sender import CommandSender
 from hil.wire.contract import Contract, Decoded
+from hil.wire.frame_check import Frame, FrameCheck, Rejection
 
 CHANNEL_OK = 0
 UNKNOWN = (nan, nan)

@@ -10,8 +10,8 @@ from contextlib import contextmanager, suppress
 import can
 
 from firmware_sim.links import SlcanLink, listen, open_pty
-from firmware_sim.slcan import Channel, SlcanPort
-from hil.edge.bus import BusAddress, BusPort
+from firmware_sim.slcan_port import Channel, SlcanPort
+from hil.edge.can.bus import BusAddress, BusPort
 
 IDS = (0x201, 0x181, 0x182, 0x282, 0x701, 0x702)
 LEVELS_ID, STATUS_ID, COMMAND_ID, FOREIGN_ID = 0x182, 0x181, 0x201, 0x333

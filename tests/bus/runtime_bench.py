@@ -5,12 +5,12 @@ import tomllib
 
 from can import Message
 
+from firmware_sim.frames import parse_command
 from firmware_sim.rig import Rig as Emulator
 from firmware_sim.settings import EmulatorSettings
-from firmware_sim.wire import parse_command
 from hil import runtime
-from hil.cli import build
-from hil.edge.settings import default_config_dir
+from hil.bench import assembly
+from hil.edge.config.settings_file import default_config_dir
 from hil.loop import ControlLoop
 
 MS = 1_000_000
@@ -126,9 +126,9 @@ def bench_in(folder, stalls=None, **recorder):
     """A bench of the short scenario. stalls : rig time in ns -> how long the process then stalls."""
     scenario = folder / "short.toml"
     scenario.write_text(SCENARIO)
-    loaded = build.load(scenario)
+    loaded = assembly.load(scenario)
     clock, ticks = ManualClock(), Ticks(**recorder)
     port = RigPort(clock, loaded.contract.fingerprint, stalls)
-    config = build.controller_config(loaded)
+    config = assembly.controller_config(loaded)
     loop = ControlLoop(config, loaded.contract, loaded.rig.sensors.range_V, port, ticks, arm_timeout_s=1.0)
     return Bench(clock, port, ticks, loop)

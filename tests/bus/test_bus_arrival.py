@@ -2,10 +2,10 @@
 
 import can
 import pytest
-from bus_bench import COMMAND_ID
 
-from hil.edge.bus import BusPort
-from hil.edge.clock import ArrivalClock
+from hil.edge.can.bus import BusPort
+from hil.edge.host.clock import ArrivalClock
+from tests.bus.bus_bench import COMMAND_ID
 
 S = 1_000_000_000
 WALL_NS = 1_790_000_000 * S

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hil.edge.socketcan import Link, LinkError
+from hil.edge.can.socketcan import Link, LinkError
 
 UP = Link("can0", 3, "can", is_up=True, has_carrier=True, bitrate=500_000, state="ERROR_ACTIVE")
 BRING_UP = "ip link set can0 up type can bitrate 500000"

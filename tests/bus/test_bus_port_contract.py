@@ -3,7 +3,8 @@
 import time
 
 import pytest
-from bus_bench import (
+
+from tests.bus.bus_bench import (
     COMMAND_ID,
     FOREIGN_ID,
     IDS,
@@ -16,7 +17,7 @@ from bus_bench import (
     next_frame,
     wait_for,
 )
-from kernel_links import KernelFar
+from tests.socketcan.kernel_links import KernelFar
 
 FARS = {
     "virtual": lambda request: VirtualFar(request.node.name),

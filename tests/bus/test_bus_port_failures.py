@@ -2,9 +2,9 @@
 
 import can
 import pytest
-from bus_bench import COMMAND_ID, VirtualFar, closing, frame, next_frame
 
-from hil.edge.bus import LARGEST_BATCH, SEND_FAILURES_IN_A_ROW, BusPort
+from hil.edge.can.bus import LARGEST_BATCH, SEND_FAILURES_IN_A_ROW, BusPort
+from tests.bus.bus_bench import COMMAND_ID, VirtualFar, closing, frame, next_frame
 
 
 class FailingBus:

@@ -7,13 +7,23 @@ import time
 
 import can
 import pytest
-from bus_bench import COMMAND_ID, GARBAGE, LEVELS_ID, RawAdapter, answer_opening, closing, line, next_frame, wait_for
 
 from firmware_sim.links import open_pty
-from firmware_sim.slcan import SlcanPort
-from hil.edge.bus import LARGEST_BATCH, BusAddress, BusPort
-from hil.edge.slcan import STALE_S
-from hil.edge.slcan_lines import LONGEST_LINE
+from firmware_sim.slcan_port import SlcanPort
+from hil.edge.can.bus import LARGEST_BATCH, BusAddress, BusPort
+from hil.edge.can.slcan_bus import STALE_S
+from hil.edge.can.slcan_lines import LONGEST_LINE
+from tests.bus.bus_bench import (
+    COMMAND_ID,
+    GARBAGE,
+    LEVELS_ID,
+    RawAdapter,
+    answer_opening,
+    closing,
+    line,
+    next_frame,
+    wait_for,
+)
 
 GOOD = b"\x11\x22\x33\x44\x55\x66\x77"
 

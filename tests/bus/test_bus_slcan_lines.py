@@ -1,12 +1,12 @@
 """The pure part of slcan: any bytes, cut anywhere, give the same frames and counts, and nothing ever raises."""
 
 import pytest
-from bus_bench import GARBAGE
 from can import Message
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil.edge.slcan_lines import LONGEST_LINE, LineReader, Reject, frame_line, parse_frame
+from hil.edge.can.slcan_lines import LONGEST_LINE, LineReader, Reject, frame_line, parse_frame
+from tests.bus.bus_bench import GARBAGE
 from tools.fuzz import targets
 
 GOOD = b"t18271122334455667F\r"
@@ -124,7 +124,7 @@ def test_frames_round_trip_in_either_case(frame):
 @given(frames())
 def test_what_the_emulators_adapter_says_is_understood(frame):
     """The twins have nothing in common but the protocol."""
-    from firmware_sim.slcan import SlcanPort
+    from firmware_sim.slcan_port import SlcanPort
 
     adapter = SlcanPort()
     adapter.feed(b"O\r")

@@ -8,13 +8,13 @@ from contextlib import contextmanager, suppress
 
 import can
 import pytest
-from bus_bench import BITRATE, IDS, LEVELS_ID, line
 
 from firmware_sim.links import open_pty
-from firmware_sim.slcan import Channel, SlcanPort
-from hil.edge.bus import BusAddress, BusError
-from hil.edge.serial_line import SerialLine
-from hil.edge.slcan import OPEN_TIMEOUT_S, SlcanBus
+from firmware_sim.slcan_port import Channel, SlcanPort
+from hil.edge.can.bus import BusAddress, BusError
+from hil.edge.can.serial_line import SerialLine
+from hil.edge.can.slcan_bus import OPEN_TIMEOUT_S, SlcanBus
+from tests.bus.bus_bench import BITRATE, IDS, LEVELS_ID, line
 
 SOON_S = 0.8
 """For those that never get open."""

@@ -4,10 +4,10 @@ from functools import partial
 from itertools import pairwise
 
 import pytest
-from runtime_bench import MS, PERIOD_NS, bench_in
 
-from firmware_sim.wire import NodeState
+from firmware_sim.frames import NodeState
 from hil.core import controller
+from tests.bus.runtime_bench import MS, PERIOD_NS, bench_in
 
 
 @pytest.fixture

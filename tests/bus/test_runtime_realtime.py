@@ -8,9 +8,9 @@ import threading
 
 import pytest
 
-from hil.edge import realtime
-from hil.edge.clock import MonotonicClock
-from hil.edge.realtime import STEPS_PER_COLLECTION, RealTime, RealTimeError, wish
+from hil.edge.host import realtime
+from hil.edge.host.clock import MonotonicClock
+from hil.edge.host.realtime import STEPS_PER_COLLECTION, RealTime, RealTimeError, wish
 
 UNPRIVILEGED = 65534
 
@@ -87,7 +87,7 @@ def test_what_was_there_at_the_start_is_not_searched_for_garbage_and_the_rest_is
 def test_without_privileges_each_refusal_names_what_is_missing_and_the_run_goes_on():
     script = (
         "import os, resource\n"
-        "from hil.edge import realtime\n"
+        "from hil.edge.host import realtime\n"
         "resource.setrlimit(resource.RLIMIT_MEMLOCK, (65536, 65536))\n"
         "resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))\n"
         f"os.setuid({UNPRIVILEGED})\n"

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from hil.edge.clock import MonotonicClock, StopSignal
+from hil.edge.host.clock import MonotonicClock, StopSignal
 
 BOTH = [signal.SIGINT, signal.SIGTERM]
 

@@ -10,7 +10,7 @@ from hil.campaign.cases import Case, expand
 from hil.campaign.outcome import crash
 from hil.campaign.row import Row, Took
 from hil.campaign.spec import load_spec
-from hil.edge.settings import read_toml
+from hil.edge.config.settings_file import read_toml
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = ROOT / "config"

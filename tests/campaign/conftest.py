@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
-
-from campaign_bench import SHORT, first_case
-
 from hil.campaign.cases import Case
+from tests.campaign.campaign_bench import SHORT, first_case
 
 
 @pytest.fixture

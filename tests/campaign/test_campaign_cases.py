@@ -8,14 +8,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from campaign_bench import CONFIG, GRID, PAIRS, SHORT, campaign_file, cases_of
 
+from hil.bench import campaign_case
 from hil.campaign.cases import Case, expand, with_seeds
 from hil.campaign.spec import load_spec
 from hil.campaign.toml_text import toml_text
-from hil.cli import campaign_run
-from hil.edge.scenario_file import Scenario
-from hil.edge.settings import SettingsError, validated
+from hil.edge.config.scenario_file import Scenario
+from hil.edge.config.settings_file import SettingsError, validated
+from tests.campaign.campaign_bench import CONFIG, GRID, PAIRS, SHORT, campaign_file, cases_of
 
 
 def test_cases_are_scenarios_times_grid_times_seeds(tmp_path: Path) -> None:
@@ -165,7 +165,7 @@ def test_what_the_scenario_would_refuse_is_refused_before_any_run(
     assert old in GRID
     (case, *_) = cases_of(campaign_file(tmp_path, GRID.replace(old, new, 1)))
     with pytest.raises(SettingsError, match=f"^here: {said}") as complaint:
-        campaign_run.check(case, CONFIG, "here")
+        campaign_case.check(case, CONFIG, "here")
     assert "\n" not in str(complaint.value)
 
 
@@ -176,4 +176,4 @@ def test_the_shipped_campaigns_can_be_run(file: Path) -> None:
     for case in cases_of(file):
         labels.setdefault(f"{case.label} {case.faults if case.label == 'pairs' else ''}", case)
     for case in labels.values():
-        campaign_run.check(replace(case, story={**case.story, "diagnosis": {"method": "none"}}), CONFIG, case.label)
+        campaign_case.check(replace(case, story={**case.story, "diagnosis": {"method": "none"}}), CONFIG, case.label)

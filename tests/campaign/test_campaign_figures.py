@@ -6,20 +6,20 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from campaign_bench import row
 
 from hil.campaign import outcome, statistics
+from hil.campaign.campaign_report import render
 from hil.campaign.cases import Case
 from hil.campaign.observer import COLUMNS, Observations, Observer, rate_broken
-from hil.campaign.outcome import Bench, Rest
-from hil.campaign.report import render
+from hil.campaign.outcome import Rest, RigFigures
 from hil.campaign.row import INVARIANTS, Row, Took
 from hil.campaign.store import Store
 from hil.core.types import Alarm, Event, Mode, Pair, Severity, TickRecord
-from hil.edge.run_folder import RunFolderError
+from hil.edge.record.run_folder import RunFolderError
 from hil.loop import Outcome as Ending
+from tests.campaign.campaign_bench import row
 
-BENCH = Bench(windows=(), period_s=0.1, rate_V_s=20.0, height_cm=20.0, level_gain_V_cm=0.5)
+BENCH = RigFigures(windows=(), period_s=0.1, rate_V_s=20.0, height_cm=20.0, level_gain_V_cm=0.5)
 REST = Rest(spilled_cm3=0.0, applied_V=(0.0, 0.0))
 FAULTY = Case("k", "leak 1 = 0.2", "s", 1, {"fault": [{"kind": "leak", "target": 1, "value": 0.2, "at_s": 4.0}]})
 
@@ -49,7 +49,7 @@ def seen(steps: int = 100, **columns: object) -> Observations:
     return Observations(table, (), "", "")
 
 
-def judged(observations: Observations, case: Case = FAULTY, rest: Rest = REST, bench: Bench = BENCH) -> Row:
+def judged(observations: Observations, case: Case = FAULTY, rest: Rest = REST, bench: RigFigures = BENCH) -> Row:
     ending = Ending("complete", "", 10.0, 100, 0, 0)
     return outcome.evaluate(case, bench, observations, ending, rest, took=Took(1.0, 1.0))
 

@@ -9,17 +9,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from campaign_bench import CONFIG, GRID, campaign_file, cases_of, without_times
 from rich.console import Console
 
+from hil.bench import assembly, campaign_pool, lockstep_run, run_options
+from hil.bench.campaign_case import run_case
 from hil.campaign.cases import Case
 from hil.campaign.row import Row
 from hil.campaign.store import Store
 from hil.campaign.toml_text import toml_text
-from hil.cli import build, campaign, campaign_pool, experiment
-from hil.cli.campaign_run import run_case
-from hil.edge.run_folder import RunFolderError
-from hil.edge.settings import SettingsError
+from hil.cli import campaign_command
+from hil.edge.config.settings_file import SettingsError
+from hil.edge.record.run_folder import RunFolderError
+from tests.campaign.campaign_bench import CONFIG, GRID, campaign_file, cases_of, without_times
 
 FEW = GRID.replace("[1, 2, [1, 2]]", "[1]").replace("[0.4, 0.8]", "[0.4]")
 
@@ -30,14 +31,16 @@ def row(case: Case) -> Row:
 
 
 def run(file: Path, out: Path, **options: object) -> int:
-    return campaign.run(Console(quiet=True), file, campaign.Options(out=out, **options))  # type: ignore[arg-type]
+    return campaign_command.run(Console(quiet=True), file, campaign_command.CampaignOptions(out=out, **options))  # type: ignore[arg-type]
 
 
 def test_a_run_without_a_record_comes_to_what_the_recorded_one_comes_to(case: Case, row: Row, tmp_path: Path) -> None:
     """The same but for the digits of the record; the recorded run goes over python-can's virtual bus."""
     scenario = tmp_path / "case.toml"
     scenario.write_text(toml_text(case.story))
-    kpi = experiment.simulate(build.load(scenario), experiment.Options(tmp_path / "run", seed=case.seed, rerun=False))
+    kpi = lockstep_run.simulate(
+        assembly.load(scenario), run_options.RunOptions(tmp_path / "run", seed=case.seed, rerun=False)
+    )
     assert json.loads(row.iae_windows_json)["loss"] == pytest.approx(kpi.iae_Vs["loss"], rel=1e-3)
     assert (row.iae_after_fault_1_Vs, row.iae_after_fault_2_Vs) == pytest.approx(kpi.iae_after_fault_Vs, rel=1e-3)
     assert row.level_max_cm == pytest.approx(max(level for level in kpi.level_max_cm if level is not None))
@@ -114,7 +117,7 @@ def test_a_campaign_that_was_killed_goes_on_where_it_was(tmp_path: Path) -> None
 
 def cases_in_order(file: Path, done: dict[str, Row]) -> list[Case]:
     """The cases under the keys that the command gave them, which know of the bench's files."""
-    _, cases = campaign.load(file, CONFIG, campaign.Options())
+    _, cases = campaign_command.load(file, CONFIG, campaign_command.CampaignOptions())
     assert {case.key for case in cases} == set(done)
     return list(cases)
 
@@ -133,8 +136,8 @@ def test_without_dask_one_process_does_it_and_more_are_refused_with_the_way_out(
 ) -> None:
     monkeypatch.setattr(campaign_pool, "find_spec", lambda _: None)
     file = campaign_file(tmp_path, FEW)
-    options = campaign.Options(out=tmp_path / "out", seeds=1, duration_s=1.0, report=False)
-    assert campaign.run(Console(width=200), file, options) == 0
+    options = campaign_command.CampaignOptions(out=tmp_path / "out", seeds=1, duration_s=1.0, report=False)
+    assert campaign_command.run(Console(width=200), file, options) == 0
     assert "pip install 'fourtank-hil[campaign]'" in capsys.readouterr().out
     with pytest.raises(SettingsError, match=r"--processes 2 needs Dask.*pip install"):
         run(file, tmp_path / "no", processes=2)
@@ -151,7 +154,7 @@ def test_broken_invariants_are_the_exit_code_and_leave_their_scenario(
     )
     assert run(file, tmp_path / "out", processes=1, duration_s=1.0) == 3
     (kept,) = (tmp_path / "out" / "cases").iterdir()
-    assert build.load(kept).scenario.scenario.duration_s == 1.0
+    assert assembly.load(kept).scenario.scenario.duration_s == 1.0
     assert "broken in 1 runs" in (tmp_path / "out" / "report.html").read_text()
 
 

@@ -1,14 +1,8 @@
 """Commands called in an empty working directory."""
 
-import sys
-from pathlib import Path
-
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))  # for `cli_bench`
-sys.path.insert(0, str(Path(__file__).parents[1] / "live"))  # for `live_bench`
-
-from cli_bench import CommandLine
+from tests.cli.cli_bench import CommandLine
 
 
 @pytest.fixture

@@ -5,8 +5,9 @@ import os
 import socket
 
 import pytest
-from cli_bench import CONFIG, assert_refused, config_copy, run_script, scenario_text
-from live_bench import lone_adapter
+
+from tests.cli.cli_bench import CONFIG, assert_refused, config_copy, run_script, scenario_text
+from tests.live.live_bench import lone_adapter
 
 BAD_SCENARIOS = {
     "unknown table": ("[surprise]\nx = 1", "surprise"),

@@ -2,19 +2,19 @@
 
 from io import StringIO
 
-from cli_bench import CONFIG
 from rich.console import Console
 
+from hil.bench.campaign_case import check
 from hil.campaign.cases import Case
-from hil.cli import demo
-from hil.cli.campaign_run import check
+from hil.cli import demo_command
 from hil.cli.demo_tables import Figures, both
 from hil.review import table3
+from tests.cli.cli_bench import CONFIG
 
 
 def drawn(figures):
     console = Console(file=StringIO(), width=90)
-    for part in both(figures, demo.RIGS):
+    for part in both(figures, demo_command.RIGS):
         console.print(part)
     return console.file.getvalue()
 
@@ -26,7 +26,7 @@ def row(text, *names):
 
 
 def test_every_run_can_be_built_and_only_two_are_recorded(tmp_path):
-    jobs = demo._jobs(CONFIG, tmp_path)
+    jobs = demo_command._jobs(CONFIG, tmp_path)
     for name, job in jobs.items():
         check(Case("key", name, name, job.seed, job.story), CONFIG, name)
     assert sorted(job.record.name for job in jobs.values() if job.record) == ["found", "kept"]
@@ -35,8 +35,8 @@ def test_every_run_can_be_built_and_only_two_are_recorded(tmp_path):
 
 def test_the_diagnosis_shows_its_median_over_the_rigs(tmp_path):
     iae = dict.fromkeys(table3.TITLES, (5.0, 6.0))
-    figures = dict.fromkeys(demo._jobs(CONFIG, tmp_path), Figures(iae))
-    for seed, (y1, detected) in zip(demo.RIGS, ((0.1, 0.2), (0.3, None), (0.2, 0.4)), strict=True):
+    figures = dict.fromkeys(demo_command._jobs(CONFIG, tmp_path), Figures(iae))
+    for seed, (y1, detected) in zip(demo_command.RIGS, ((0.1, 0.2), (0.3, None), (0.2, 0.4)), strict=True):
         figures[f"both found {seed}"] = Figures({table3.GAIN_FALL: (y1, 0.5)}, detected, None, 0.012)
     text = drawn(figures)
     assert row(text, "found", "0.200") == ["", "found", "0.200", "0.500", "0.4 s", "–", "0.012"]

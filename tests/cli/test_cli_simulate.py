@@ -4,10 +4,10 @@ import json
 import os
 
 import pytest
-from cli_bench import CONFIG, assert_refused, config_copy, run_script, scenario_text
 
-from hil.edge.run_folder import RunFolder
+from hil.edge.record.run_folder import RunFolder
 from hil.review.ticks import read
+from tests.cli.cli_bench import CONFIG, assert_refused, config_copy, run_script, scenario_text
 
 FAULTY = """
 [scenario]

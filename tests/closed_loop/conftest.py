@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from multiprocessing import get_context
-from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))  # for `loop_story`, in the workers too
-
-from loop_story import Run, Story, simulate
+from tests.closed_loop.loop_story import Run, Story, simulate
 
 Start = Callable[..., "Future[Run]"]
 

@@ -13,9 +13,10 @@ from itertools import combinations, pairwise
 from typing import Any
 
 import numpy as np
-from loop_story import Story
 from scipy.integrate import solve_ivp
 from scipy.optimize import minimize
+
+from tests.closed_loop.loop_story import Story
 
 TOP_V = 10.0
 ANTI_WINDUP_S = 5.0

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from hil.cli import build, experiment
-from hil.edge.run_folder import RunFolder
+from hil.bench import assembly, lockstep_run, run_options
+from hil.edge.record.run_folder import RunFolder
 from hil.review import ticks
 from hil.review.kpi import Kpi
 from hil.review.ticks import LoggedEvent
@@ -127,7 +127,9 @@ def simulate(scenario: str, folder: Path, seed: int = 1) -> Run:
     folder.mkdir(parents=True)
     path = folder / "scenario.toml"
     path.write_text(scenario, encoding="utf-8")
-    kpi = experiment.simulate(build.load(path, CONFIG), experiment.Options(out=folder / "run", seed=seed, rerun=False))
+    kpi = lockstep_run.simulate(
+        assembly.load(path, CONFIG), run_options.RunOptions(out=folder / "run", seed=seed, rerun=False)
+    )
     table, events = ticks.read(RunFolder(folder / "run"))
     run = Run(kpi, {name: np.array(values) for name, values in table.columns.items()}, events)
     shutil.rmtree(folder)

@@ -6,8 +6,9 @@ from concurrent.futures import Future
 from itertools import pairwise
 
 import pytest
-from loop_reference import Reference, plant_of
-from loop_story import Loss, Run, Step, Story
+
+from tests.closed_loop.loop_reference import Reference, plant_of
+from tests.closed_loop.loop_story import Loss, Run, Step, Story
 
 PERIOD_S = 0.02
 

@@ -6,8 +6,9 @@ import tomllib
 
 import numpy as np
 import pytest
-from loop_reference import Plant
-from loop_story import CONFIG, Loss, Run, Step, Story, kept, shipped
+
+from tests.closed_loop.loop_reference import Plant
+from tests.closed_loop.loop_story import CONFIG, Loss, Run, Step, Story, kept, shipped
 
 RIG = tomllib.loads((CONFIG / "rig.toml").read_text(encoding="utf-8"))
 SEEDS = (1, 2, 3)

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from loop_story import Loss, Run, Story
+
+from tests.closed_loop.loop_story import Loss, Run, Story
 
 LOSS_AT_S = 20.0
 

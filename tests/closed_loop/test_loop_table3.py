@@ -6,8 +6,9 @@ from concurrent.futures import Future
 from dataclasses import replace
 
 import pytest
-from loop_reference import Reference
-from loop_story import PAPER, Run, kept, shipped
+
+from tests.closed_loop.loop_reference import Reference
+from tests.closed_loop.loop_story import PAPER, Run, kept, shipped
 
 TABLE3_VS = {
     ("gain_fall", "kept"): (13.07, 9.231),

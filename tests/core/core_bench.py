@@ -11,7 +11,7 @@ from hil.core import controller
 from hil.core.closed_loop import LoopConfig
 from hil.core.controller import ControllerConfig, ControllerState
 from hil.core.design import CalibratedDesign, RigDesign, choose_rig_design
-from hil.core.diagnosis import NoDetector
+from hil.core.diagnosis.ideal import NoDetector
 from hil.core.estimator import LevelFilter
 from hil.core.interlocks import Limits
 from hil.core.reconfiguration import Reconfiguration

@@ -6,7 +6,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from core_bench import (
+
+from hil.core import closed_loop, controller
+from hil.core.controller import ControllerState
+from hil.core.diagnosis.ideal import IdealDetector, NoDetector, PumpFault
+from hil.core.tanks import equilibrium
+from hil.core.types import Mode, NodeState, Severity, Timing, TripCause
+from tests.core.core_bench import (
     BENCH,
     CALIBRATED,
     PERIOD_S,
@@ -19,12 +25,6 @@ from core_bench import (
     run,
     volts,
 )
-
-from hil.core import closed_loop, controller
-from hil.core.controller import ControllerState
-from hil.core.diagnosis import IdealDetector, NoDetector, PumpFault
-from hil.core.tanks import equilibrium
-from hil.core.types import Mode, NodeState, Severity, Timing, TripCause
 
 REST = equilibrium(BENCH, (3.0, 3.0))
 REST_V = volts(REST)[:2]

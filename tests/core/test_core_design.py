@@ -5,7 +5,6 @@ from dataclasses import replace
 import control
 import numpy as np
 import pytest
-from core_bench import BENCH, CALIBRATED, NOISE_GAIN_MAX, OUTPUT_POLES, at, rig_design
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -19,6 +18,7 @@ from hil.core.design import (
 )
 from hil.core.eigenstructure import DesignError, augment
 from hil.core.tanks import LinearModel, equilibrium, linearise, printed_linear_model, transmission_zeros
+from tests.core.core_bench import BENCH, CALIBRATED, NOISE_GAIN_MAX, OUTPUT_POLES, at, rig_design
 
 CROSSED = replace(BENCH, valve_split=(0.43, 0.34))
 

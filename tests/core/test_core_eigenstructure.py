@@ -4,13 +4,13 @@ import warnings
 
 import numpy as np
 import pytest
-from core_bench import CALIBRATED, at, rig_design
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import place_poles
 
 from hil.core.eigenstructure import DesignError, assign, augment
 from hil.core.tanks import printed_linear_model
+from tests.core.core_bench import CALIBRATED, at, rig_design
 
 TABLE_3_GAIN = [
     [18.94148, -17.97382, -0.89696, -1.54202, -0.52198, 0.2806],

@@ -3,13 +3,13 @@
 import math
 
 import pytest
-from core_bench import BENCH, PERIOD_S, Plant, measurement, volts
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.core import estimator
 from hil.core.estimator import LevelFilter
 from hil.core.tanks import equilibrium
+from tests.core.core_bench import BENCH, PERIOD_S, Plant, measurement, volts
 
 SOUND = (1.0, 1.0)
 REST = equilibrium(BENCH, (3.0, 3.0))

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from core_bench import BENCH, CALIBRATED, PERIOD_S, Plant, at, reconfiguration, rig_design
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -11,6 +10,7 @@ from hil.core.design import Gains
 from hil.core.eigenstructure import assign, augment
 from hil.core.reconfiguration import LEAST_EFFECTIVENESS, LOWEST_LINEARISED_CM, ControlLaw
 from hil.core.tanks import equilibrium, linearise
+from tests.core.core_bench import BENCH, CALIBRATED, PERIOD_S, Plant, at, reconfiguration, rig_design
 
 RIG = reconfiguration()
 PAPER = reconfiguration(CALIBRATED)

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.linalg
-from core_bench import BENCH, OUTFLOW, at
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -23,6 +22,7 @@ from hil.core.tanks import (
     through_flow_matrix,
     transmission_zeros,
 )
+from tests.core.core_bench import BENCH, OUTFLOW, at
 
 LEVEL = st.floats(0.05, 20.0)
 VOLT = st.floats(0.5, 10.0)

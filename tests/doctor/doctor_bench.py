@@ -13,12 +13,12 @@ from firmware_sim import settings as emulator_settings
 from firmware_sim.faults.catalogue import KINDS
 from firmware_sim.ports import BusPort as EmulatorPort
 from firmware_sim.rig import Rig
-from hil.cli import build
-from hil.cli.doctor import expectations
+from hil.bench import assembly
+from hil.cli.doctor_command import expectations
 from hil.doctor.examination import examine
-from hil.doctor.probe import Probe
-from hil.edge.bus import BusPort
-from hil.edge.rig_file import load_rig
+from hil.edge.can.bus import BusPort
+from hil.edge.config.rig_file import load_rig
+from hil.probe.bus_probe import Probe
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 RIG = load_rig(CONFIG / "rig.toml")
@@ -29,7 +29,7 @@ _channels = itertools.count()
 
 @lru_cache(maxsize=1)
 def contract():
-    return build.load_contract(CONFIG / "bench.dbc")
+    return assembly.load_contract(CONFIG / "bench.dbc")
 
 
 def fault(kind, target=None, value=None, *, at_s=0.0, until_s=None):

@@ -1,10 +1,7 @@
 """Pump nodes with one thing wrong each, as a firmware under development may have it."""
 
-from doctor_bench import BOOTED_NS, RIG, LockstepBench
-
 import firmware_sim.rig
-from firmware_sim.pump_node import PumpNode
-from firmware_sim.wire import (
+from firmware_sim.frames import (
     COMMAND_ID,
     DATA_IDS,
     Frame,
@@ -15,8 +12,10 @@ from firmware_sim.wire import (
     remade,
     sealed,
 )
+from firmware_sim.pump_node import PumpNode
 from hil.conformance.suite import Plan, run_suite
-from hil.doctor.result import Verdict
+from hil.probe.result import Verdict
+from tests.doctor.doctor_bench import BOOTED_NS, RIG, LockstepBench
 
 
 def frame(data):

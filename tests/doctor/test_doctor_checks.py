@@ -1,12 +1,12 @@
 """Every check of the bench: passed by a sound one, and found out by a fault of the emulator. No pump moves."""
 
 import pytest
-from doctor_bench import WANTS, LockstepBench, contract, examined, fault
 
-from firmware_sim.wire import NodeState
+from firmware_sim.frames import NodeState
 from hil.doctor.examination import examine
-from hil.doctor.probe import InterruptedByUserError
-from hil.doctor.result import Verdict
+from hil.probe.bus_probe import InterruptedByUserError
+from hil.probe.result import Verdict
+from tests.doctor.doctor_bench import WANTS, LockstepBench, contract, examined, fault
 
 PASS, WARN, FAIL, NOT_CHECKED = Verdict.PASS, Verdict.WARN, Verdict.FAIL, Verdict.NOT_CHECKED
 FRAMES = ("PumpStatus", "LowerLevels", "UpperLevels", "PumpHeartbeat", "LevelHeartbeat")

@@ -2,16 +2,16 @@
 
 import json
 
-import nodes_bench as nodes
 import pytest
-from doctor_bench import contract, fault
-from nodes_bench import failures, tried
 
+from firmware_sim.frames import NodeState
 from firmware_sim.pump_node import PumpNode
-from firmware_sim.wire import NodeState
 from hil.conformance import suite
-from hil.doctor.probe import InterruptedByUserError
-from hil.doctor.result import Verdict
+from hil.probe.bus_probe import InterruptedByUserError
+from hil.probe.result import Verdict
+from tests.doctor import nodes_bench as nodes
+from tests.doctor.doctor_bench import contract, fault
+from tests.doctor.nodes_bench import failures, tried
 
 BROKEN = {
     nodes.NoWatchdog: "watchdog after 250 ms",
@@ -195,13 +195,13 @@ def test_a_stranger_in_the_midst_ends_the_check_with_one_command_of_zero(monkeyp
 
 
 def test_json_is_what_the_table_says(tmp_path):
-    from hil.cli.conformance import Options, _write
-    from hil.doctor.result import failed, passed
-    from hil.edge.bus import BusAddress
+    from hil.cli.conformance_command import ConformanceOptions, _write
+    from hil.edge.can.bus import BusAddress
+    from hil.probe.result import failed, passed
 
     file = tmp_path / "node.json"
     results = [passed("one", "1 V"), failed("two", "2 V", "mend it")]
-    _write(file, BusAddress("virtual", "x", 500_000), contract(), Options(node="pump"), results)
+    _write(file, BusAddress("virtual", "x", 500_000), contract(), ConformanceOptions(node="pump"), results)
     told = json.loads(file.read_text())
     assert told["conforms"] is False
     assert told["node"] == "pump"

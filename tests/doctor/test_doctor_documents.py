@@ -8,20 +8,19 @@ from pathlib import Path
 import pytest
 from can import Message
 from crccheck.crc import Crc8Autosar
-from doctor_bench import contract, examined
 
 import firmware_sim.cli
+from firmware_sim.frames import COUNTER_STEP_MAX, parse_command
+from firmware_sim.frames import Rejection as NodeRejection
 from firmware_sim.pump_node import PumpNode
-from firmware_sim.wire import COUNTER_STEP_MAX, parse_command
-from firmware_sim.wire import Rejection as NodeRejection
-from hil.cli import app, campaign, checks
+from hil.cli import app, campaign_command, result_table
 from hil.conformance import suite
 from hil.core.interlocks import INTERLOCKS
 from hil.core.types import TripCause
-from hil.doctor import echo, frames, host, ramp, sensors, watchdog
-from hil.doctor.host import check_host
-from hil.doctor.link import check_link
-from hil.wire.checks import LARGEST_COUNTER_STEP, FrameCheck, Rejection
+from hil.doctor import check_echo, check_frames, check_host, check_ramp, check_sensors, check_watchdog
+from hil.doctor.check_link import check_link
+from hil.wire.frame_check import LARGEST_COUNTER_STEP, FrameCheck, Rejection
+from tests.doctor.doctor_bench import contract, examined
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
@@ -94,7 +93,7 @@ def test_every_event_code_is_explained_once():
 
 def test_every_exit_code_is_explained_once():
     explained = [(plain(row[0]), int(row[1])) for row in rows_of("operating.md", "program")]
-    of_hil = {0, app.EXIT_BAD_INPUT, campaign.EXIT_BROKEN, checks.EXIT_FAILED}
+    of_hil = {0, app.EXIT_BAD_INPUT, campaign_command.EXIT_BROKEN, result_table.EXIT_FAILED}
     of_hil |= {*app.EXIT_CODES.values(), *app.SIGNAL_EXIT_CODES.values()}
     of_emulator = {0, firmware_sim.cli.FAILED, firmware_sim.cli.BAD_INPUT}
     assert len(explained) == len(set(explained))
@@ -162,7 +161,7 @@ def test_refused_vectors_are_refused_by_both_twins_and_for_that_reason(golden):
 
 
 def _after_counter_zero():
-    from doctor_bench import LockstepBench
+    from tests.doctor.doctor_bench import LockstepBench
 
     bench = LockstepBench()
     bench.pump._last = (0, 1)
@@ -191,7 +190,7 @@ def test_the_crc_by_bits_is_the_document_s():
 
 
 def test_every_conformance_test_is_explained_in_its_order(monkeypatch):
-    from nodes_bench import tried
+    from tests.doctor.nodes_bench import tried
 
     explained = [name for row in rows_of("firmware.md", "test") for name in re.findall(r"`([^`]+)`", row[0])]
     results, _ = tried(monkeypatch, PumpNode, with_pumps=True, level_node=True)
@@ -214,8 +213,8 @@ def test_times_are_the_code_s():
             f"every {cycle_ms:g} ms",
             f"{suite.PERIOD_TOLERANCE:.0%} in the mean".replace("%", " %"),
         )
-    assert rows["watchdog"][1] == f"{watchdog.WATCHDOG_S * 1e3:g} ms after the last accepted command"
-    assert rows["watchdog"][2] == f"{watchdog.TOLERANCE_S * 1e3:g} ms"
+    assert rows["watchdog"][1] == f"{check_watchdog.WATCHDOG_S * 1e3:g} ms after the last accepted command"
+    assert rows["watchdog"][2] == f"{check_watchdog.TOLERANCE_S * 1e3:g} ms"
     assert COUNTER_STEP_MAX == LARGEST_COUNTER_STEP == 8
 
 
@@ -231,11 +230,12 @@ def test_links_between_the_documents_lead_somewhere(name):
 
 
 def test_every_check_of_the_doctor_is_explained_once():
-    from doctor_bench import LockstepBench
     from test_doctor_host import GOOD
 
+    from tests.doctor.doctor_bench import LockstepBench
+
     explained = [name for row in rows_of("operating.md", "check") for name in re.findall(r"`([^`]+)`", row[0])]
-    made = set(examined(LockstepBench(), with_pumps=True)) | {result.check for result in check_host(GOOD)}
+    made = set(examined(LockstepBench(), with_pumps=True)) | {result.check for result in check_host.check_host(GOOD)}
     made |= {result.check for result in check_link(None, "can0", 500_000, is_socketcan=False)}
     assert len(explained) == len(set(explained))
     assert set(explained) == made | {"bus opens", "pumps", "examination"}
@@ -244,31 +244,32 @@ def test_every_check_of_the_doctor_is_explained_once():
 def test_limits_of_the_doctor_are_the_code_s():
     text = " ".join((DOCS / "operating.md").read_text().split())
     assert (
-        f"within {frames.PERIOD_WARN:.0%}; warns beyond, or of a jitter above {frames.JITTER_WARN:.0%}".replace(
+        f"within {check_frames.PERIOD_WARN:.0%}; warns beyond, "
+        f"or of a jitter above {check_frames.JITTER_WARN:.0%}".replace("%", " %")
+        in text
+    )
+    assert (
+        f"off by more than {check_frames.PERIOD_FAIL:.0%}, or fewer than {check_frames.FEWEST_FRAMES} came".replace(
             "%", " %"
         )
         in text
     )
-    assert (
-        f"off by more than {frames.PERIOD_FAIL:.0%}, or fewer than {frames.FEWEST_FRAMES} came".replace("%", " %")
-        in text
-    )
-    assert f"| {frames.LOSS_FAIL:.0%} or more |".replace("%", " %") in text
-    assert f"{sensors.QUIET_WARN:g} to {sensors.NOISE_WARN:g} times" in text
-    assert f"above {sensors.NOISE_FAIL:g} times" in text
-    assert f"after the last command, within {watchdog.TOLERANCE_S * 1e3:g} ms" in text
-    assert f"PumpStatus' period and {echo.MARGIN_S * 1e3:g} ms" in text
-    assert f"{ramp.RESPONSE_LOW:g} to {ramp.RESPONSE_HIGH:g} times what rig.toml says" in text
-    assert f"less than {ramp.NO_RESPONSE:g} times" in text
-    assert f"gives each pump {ramp.TOP_V:g} V for {ramp.HOLD_S:g} s" in text
-    assert f"{host.LOCKED_BYTES / 2**20:g} MiB or more" in text
-    assert f"less than {host.DISK_FAIL_BYTES / 2**20:g} MiB" in text
-    assert host.DISK_WARN_BYTES == 2**30
+    assert f"| {check_frames.LOSS_FAIL:.0%} or more |".replace("%", " %") in text
+    assert f"{check_sensors.QUIET_WARN:g} to {check_sensors.NOISE_WARN:g} times" in text
+    assert f"above {check_sensors.NOISE_FAIL:g} times" in text
+    assert f"after the last command, within {check_watchdog.TOLERANCE_S * 1e3:g} ms" in text
+    assert f"PumpStatus' period and {check_echo.MARGIN_S * 1e3:g} ms" in text
+    assert f"{check_ramp.RESPONSE_LOW:g} to {check_ramp.RESPONSE_HIGH:g} times what rig.toml says" in text
+    assert f"less than {check_ramp.NO_RESPONSE:g} times" in text
+    assert f"gives each pump {check_ramp.TOP_V:g} V for {check_ramp.HOLD_S:g} s" in text
+    assert f"{check_host.LOCKED_BYTES / 2**20:g} MiB or more" in text
+    assert f"less than {check_host.DISK_FAIL_BYTES / 2**20:g} MiB" in text
+    assert check_host.DISK_WARN_BYTES == 2**30
 
 
 def test_the_checks_named_in_advice_exist():
     """The doctor sends people to these documents; they are there."""
-    from doctor_bench import LockstepBench
+    from tests.doctor.doctor_bench import LockstepBench
 
     results = examined(LockstepBench(overlay={"nodes": {"watchdog_s": 0.5}}))
     assert "docs/firmware.md" in results["watchdog"].advice

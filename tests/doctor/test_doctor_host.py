@@ -6,11 +6,11 @@ from math import inf
 
 import pytest
 
-from hil.cli.doctor import kernel_link
-from hil.doctor.host import HostFacts, check_host
-from hil.doctor.link import check_link
-from hil.doctor.result import Verdict
-from hil.edge import host
+from hil.cli.doctor_command import kernel_link
+from hil.doctor.check_host import HostFacts, check_host
+from hil.doctor.check_link import check_link
+from hil.edge.host import host_facts
+from hil.probe.result import Verdict
 
 PASS, WARN, FAIL, NOT_CHECKED = Verdict.PASS, Verdict.WARN, Verdict.FAIL, Verdict.NOT_CHECKED
 MIB, GIB = 2**20, 2**30
@@ -101,29 +101,29 @@ def test_loopback_is_a_link_that_tells_no_bit_rate():
 
 
 def test_governors_are_read_from_sys(tmp_path):
-    assert host.governors(tmp_path) == ()
+    assert host_facts.governors(tmp_path) == ()
     for core, name in enumerate(("performance", "powersave")):
         folder = tmp_path / f"devices/system/cpu/cpu{core}/cpufreq"
         folder.mkdir(parents=True)
         (folder / "scaling_governor").write_text(name + "\n")
-    assert host.governors(tmp_path) == ("performance", "powersave")
+    assert host_facts.governors(tmp_path) == ("performance", "powersave")
 
 
-@pytest.mark.parametrize(("bit", "has"), [(host.CAP_IPC_LOCK, True), (host.CAP_SYS_NICE, False)])
+@pytest.mark.parametrize(("bit", "has"), [(host_facts.CAP_IPC_LOCK, True), (host_facts.CAP_SYS_NICE, False)])
 def test_capabilities_are_read_from_proc(tmp_path, bit, has):
     file = tmp_path / "status"
-    file.write_text(f"Name:\tx\nCapPrm:\t0000000000000000\nCapEff:\t{1 << host.CAP_IPC_LOCK:016x}\n")
-    assert host.has_capability(bit, file) is has
-    assert host.has_capability(bit, tmp_path / "none") is False
+    file.write_text(f"Name:\tx\nCapPrm:\t0000000000000000\nCapEff:\t{1 << host_facts.CAP_IPC_LOCK:016x}\n")
+    assert host_facts.has_capability(bit, file) is has
+    assert host_facts.has_capability(bit, tmp_path / "none") is False
 
 
 def test_disk_space_is_that_of_the_folder_that_will_be_made(tmp_path):
-    free, folder = host.disk_free(tmp_path / "runs" / "today")
+    free, folder = host_facts.disk_free(tmp_path / "runs" / "today")
     assert folder == tmp_path
     assert free > 0
 
 
 def test_limits_and_clock_are_this_machine_s():
-    assert 0.0 < host.clock_step_s() <= 1e-3
-    assert host.limit(resource.RLIMIT_MEMLOCK) > 0.0
-    assert host.limit(resource.RLIMIT_RTPRIO) >= 0.0
+    assert 0.0 < host_facts.clock_step_s() <= 1e-3
+    assert host_facts.limit(resource.RLIMIT_MEMLOCK) > 0.0
+    assert host_facts.limit(resource.RLIMIT_RTPRIO) >= 0.0

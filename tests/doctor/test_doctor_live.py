@@ -7,8 +7,9 @@ import subprocess
 import time
 
 import pytest
-from cli_bench import BIN, CommandLine, assert_refused
-from live_bench import emulator, hil, wait_for
+
+from tests.cli.cli_bench import BIN, CommandLine, assert_refused
+from tests.live.live_bench import emulator, hil, wait_for
 
 LONG_S = 120.0
 

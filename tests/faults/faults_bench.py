@@ -14,21 +14,21 @@ import can
 import pytest
 
 from firmware_sim import settings as emulator_settings
+from firmware_sim.frames import NodeState
 from firmware_sim.ports import BusPort as EmulatorPort
 from firmware_sim.pump_node import Change
 from firmware_sim.rig import Rig as Emulator
 from firmware_sim.truth import Truth
-from firmware_sim.wire import NodeState
 from hil import lockstep
+from hil.bench import assembly
 from hil.campaign.cases import Case
 from hil.campaign.observer import VOLT_TOLERANCE_V, Observations, Observer, rate_broken
 from hil.campaign.toml_text import toml_text
-from hil.cli import build
 from hil.core.types import Event, Mode, TickRecord
-from hil.edge.bus import BusPort
-from hil.edge.rig_file import load_rig
-from hil.edge.scenario_file import Scenario
-from hil.edge.settings import validated
+from hil.edge.can.bus import BusPort
+from hil.edge.config.rig_file import load_rig
+from hil.edge.config.scenario_file import Scenario
+from hil.edge.config.settings_file import validated
 from hil.loop import ControlLoop, Outcome
 from hil.review.alarms import Finding, injected, merged
 from hil.review.kpi import dry_run
@@ -318,7 +318,7 @@ class _Later(EmulatorPort):
 
 @lru_cache(maxsize=1)
 def contract() -> Contract:
-    return build.load_contract(CONFIG / "bench.dbc")
+    return assembly.load_contract(CONFIG / "bench.dbc")
 
 
 def _built(scenario: dict[str, Any]) -> tuple[Any, Any, Any, Any]:
@@ -331,8 +331,8 @@ def _built(scenario: dict[str, Any]) -> tuple[Any, Any, Any, Any]:
         truth, faults = emulator_settings.load(CONFIG / "emulator.toml", Path(file.name))
     checked = validated(Scenario, scenario, "scenario")
     rig = load_rig(CONFIG / "rig.toml", checked, Path("scenario"))
-    bench = build.Bench(checked, rig, contract(), Path("scenario"), CONFIG)
-    return bench, build.controller_config(bench), truth, faults
+    bench = assembly.Bench(checked, rig, contract(), Path("scenario"), CONFIG)
+    return bench, assembly.controller_config(bench), truth, faults
 
 
 def assert_tripped(run: Run, at_s: float, within_s: float, *causes: str) -> None:

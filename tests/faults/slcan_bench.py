@@ -13,13 +13,13 @@ from contextlib import contextmanager
 from functools import partial
 
 import can
-from bus_bench import BITRATE, answer_opening
-from faults_bench import TIME_TOLERANCE_S, play
 
 from firmware_sim.links import SlcanLink, listen, open_pty
-from firmware_sim.slcan import SlcanPort
-from hil.edge.slcan import SlcanBus
-from hil.edge.slcan_lines import LineReader
+from firmware_sim.slcan_port import SlcanPort
+from hil.edge.can.slcan_bus import SlcanBus
+from hil.edge.can.slcan_lines import LineReader
+from tests.bus.bus_bench import BITRATE, answer_opening
+from tests.faults.faults_bench import TIME_TOLERANCE_S, play
 
 PATIENCE_S = 5.0
 

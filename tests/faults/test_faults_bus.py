@@ -8,8 +8,13 @@ from contextlib import contextmanager, suppress
 
 import can
 import pytest
-from bus_bench import RawAdapter, closing, line, next_frame
-from faults_bench import (
+
+from firmware_sim import frames as node
+from hil.edge.can.slcan_lines import LONGEST_LINE
+from hil.wire.command_sender import CommandSender
+from hil.wire.receiver import Receiver
+from tests.bus.bus_bench import RawAdapter, closing, line, next_frame
+from tests.faults.faults_bench import (
     OFF,
     RX_S,
     T_S,
@@ -23,12 +28,7 @@ from faults_bench import (
     play,
     story,
 )
-from live_bench import PLAIN, controller, emulator, wait_for, write_scenario
-
-from firmware_sim import wire as node
-from hil.edge.slcan_lines import LONGEST_LINE
-from hil.wire.commands import CommandSender
-from hil.wire.receiver import Receiver
+from tests.live.live_bench import PLAIN, controller, emulator, wait_for, write_scenario
 
 AT_S = 5.0
 GOOD = b"\x11\x22\x33\x44\x55\x66\x77"

@@ -1,8 +1,9 @@
 """Case 55: configuration that can't be right."""
 
 import pytest
-from cli_bench import CommandLine, assert_refused, config_copy
-from faults_bench import OFF, contract, play, story
+
+from tests.cli.cli_bench import CommandLine, assert_refused, config_copy
+from tests.faults.faults_bench import OFF, contract, play, story
 
 
 @pytest.fixture

@@ -3,7 +3,13 @@
 from itertools import combinations
 
 import pytest
-from faults_bench import (
+
+from firmware_sim import frames as node
+from hil.core.types import Command
+from hil.wire.command_sender import CommandSender
+from hil.wire.frame_check import Rejection
+from hil.wire.receiver import Receiver
+from tests.faults.faults_bench import (
     FRAME_PERIOD_S,
     LEVEL_FRAMES,
     NODE_FRAMES,
@@ -19,12 +25,6 @@ from faults_bench import (
     play,
     story,
 )
-
-from firmware_sim import wire as node
-from hil.core.types import Command
-from hil.wire.checks import Rejection
-from hil.wire.commands import CommandSender
-from hil.wire.receiver import Receiver
 
 ALL_FRAMES = (*NODE_FRAMES, "PumpCommand")
 AT_S = 5.0

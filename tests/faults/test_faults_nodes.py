@@ -1,7 +1,8 @@
 """Cases 29, 30: a node that boots in the midst of a run, one without a heartbeat."""
 
 import pytest
-from faults_bench import T_S, assert_tripped, fault, play, story
+
+from tests.faults.faults_bench import T_S, assert_tripped, fault, play, story
 
 AT_S = 5.0
 BEAT_S = 0.1

@@ -1,9 +1,9 @@
 """Cases 56, 57: what an operator must not, and what one may for a while."""
 
 import pytest
-from faults_bench import OFF, T_S, TIME_TOLERANCE_S, assert_safe, fault, play, story
 
 from hil.core.types import Mode
+from tests.faults.faults_bench import OFF, T_S, TIME_TOLERANCE_S, assert_safe, fault, play, story
 
 AT_S = 5.0
 
@@ -69,7 +69,7 @@ def test_case_57_bypass_ends_after_ten_minutes():
 @pytest.mark.parametrize("key", ["stale_levels", "high_level", "node_tripped", "sensors_lost", "bus_failed"])
 def test_case_57_what_must_not_be_bypassed(key):
     """Neither what keeps tanks from overflowing nor the loss of a node, the bus or a level; and nothing for longer."""
-    from hil.edge.settings import SettingsError
+    from hil.edge.config.settings_file import SettingsError
 
     with pytest.raises(SettingsError, match="interlock"):
         play(story(request=[ask(3.0, "bypass", interlock=key, for_s=20.0)]))

@@ -1,13 +1,13 @@
 """Case 60: any two faults of cases 1 to 44 at any time. Whatever happens, no invariant is broken."""
 
 import pytest
-from faults_bench import CONFIG, MOVING, fault, play, story
 
+from hil.bench.campaign_case import run_case
 from hil.campaign import cases as listing
 from hil.campaign.row import INVARIANTS
 from hil.campaign.spec import Spec
-from hil.cli.campaign_run import run_case
-from hil.edge.settings import validated
+from hil.edge.config.settings_file import validated
+from tests.faults.faults_bench import CONFIG, MOVING, fault, play, story
 
 FRAMES = ["PumpStatus", "LowerLevels", "UpperLevels", "PumpHeartbeat", "LevelHeartbeat", "PumpCommand", "all"]
 TANKS, PUMPS, NODES = [1, 2, 3, 4], [1, 2], ["pump", "level"]

@@ -1,7 +1,8 @@
 """Cases 41, 42, 44, 45: leaks, blocked outlets, valves that move, and a rig that is merely not what its file says."""
 
 import pytest
-from faults_bench import MOVING, RIM_CM, assert_no_trip, fault, first, play, story
+
+from tests.faults.faults_bench import MOVING, RIM_CM, assert_no_trip, fault, first, play, story
 
 AT_S = 25.0
 TANKS = (1, 2, 3, 4)

@@ -9,17 +9,17 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from faults_bench import OFF, RX_S, T_S, TIME_TOLERANCE_S, W_S, assert_no_trip, fault, play, story
-from live_bench import PLAIN, controller, emulator, sent_s, wait_for, write_scenario
-from runtime_bench import MS, bench_in
 
-from firmware_sim.wire import NodeState
+from firmware_sim.frames import NodeState
 from hil.core import estimator
 from hil.core.types import Mode
-from hil.edge.rerun_log import RerunLog, RunCard
-from hil.edge.run_folder import RunFolder
+from hil.edge.record.rerun_log import RerunLog, RunCard
+from hil.edge.record.run_folder import RunFolder
 from hil.review.blueprint import blueprint
 from hil.review.ticks import read
+from tests.bus.runtime_bench import MS, bench_in
+from tests.faults.faults_bench import OFF, RX_S, T_S, TIME_TOLERANCE_S, W_S, assert_no_trip, fault, play, story
+from tests.live.live_bench import PLAIN, controller, emulator, sent_s, wait_for, write_scenario
 
 AT_S = 5.0
 HOUR_S = 3600.0

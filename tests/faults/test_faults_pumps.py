@@ -3,7 +3,9 @@
 from itertools import pairwise
 
 import pytest
-from faults_bench import (
+
+from hil.core.types import Mode
+from tests.faults.faults_bench import (
     MOVING,
     T_S,
     TIME_TOLERANCE_S,
@@ -14,8 +16,6 @@ from faults_bench import (
     play,
     story,
 )
-
-from hil.core.types import Mode
 
 AT_S = 25.0
 PUMPS = (1, 2)

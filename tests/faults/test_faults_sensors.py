@@ -5,9 +5,20 @@ from functools import lru_cache
 from math import inf, nan
 
 import pytest
-from faults_bench import MOVING, OFF, T_S, TIME_TOLERANCE_S, assert_no_trip, assert_tripped, fault, first, play, story
 
 from hil.core.types import Diagnosis, Mode
+from tests.faults.faults_bench import (
+    MOVING,
+    OFF,
+    T_S,
+    TIME_TOLERANCE_S,
+    assert_no_trip,
+    assert_tripped,
+    fault,
+    first,
+    play,
+    story,
+)
 
 AT_S = 25.0
 SENSORS = (1, 2, 3, 4)

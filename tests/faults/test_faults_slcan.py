@@ -5,13 +5,18 @@ real time, for cases 24, 28 and 47 to 50, are in tests/live; adapters that answe
 """
 
 import pytest
-import slcan_bench
 import test_faults_bus as of_bus
 import test_faults_frames as of_frames
 import test_faults_nodes as of_nodes
 import test_faults_process as of_process
-from bus_bench import GARBAGE
-from faults_bench import (
+
+from firmware_sim import frames as node
+from hil.edge.can.slcan_lines import LONGEST_LINE, LineReader, frame_line
+from hil.wire.command_sender import CommandSender
+from hil.wire.receiver import Receiver
+from tests.bus.bus_bench import GARBAGE
+from tests.faults import slcan_bench
+from tests.faults.faults_bench import (
     OFF,
     RX_S,
     T_S,
@@ -25,11 +30,6 @@ from faults_bench import (
     play,
     story,
 )
-
-from firmware_sim import wire as node
-from hil.edge.slcan_lines import LONGEST_LINE, LineReader, frame_line
-from hil.wire.commands import CommandSender
-from hil.wire.receiver import Receiver
 
 OVER = {"tcp": slcan_bench.over_tcp, "pty": slcan_bench.over_pty}
 AT_S = 5.0

@@ -1,10 +1,9 @@
 """Helpers of the fault tests: faults by name, a rig that is driven, what its frames say."""
 
-from sim_bench import MS, SECOND, command, emulator
-
 from firmware_sim.faults.catalogue import KINDS
+from firmware_sim.frames import FRAME_IDS
 from firmware_sim.rig import Rig
-from firmware_sim.wire import FRAME_IDS
+from tests.firmware_sim.sim_bench import MS, SECOND, command, emulator
 
 QUIET = emulator(
     pumps={"lag_s": 0.0, "dac_bits": 0}, sensors={"noise_V": 0.0, "adc_bits": 12}, tanks={"start_V": [3.0, 3.0]}

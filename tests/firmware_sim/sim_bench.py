@@ -7,8 +7,8 @@ from typing import Any
 
 from can import Message
 
+from firmware_sim.frames import COMMAND_ID, sealed
 from firmware_sim.settings import EmulatorSettings, load
-from firmware_sim.wire import COMMAND_ID, sealed
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = ROOT / "config"

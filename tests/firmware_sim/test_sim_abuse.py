@@ -10,12 +10,12 @@ from contextlib import suppress
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sim_bench import MS, shipped
 
 from firmware_sim.links import OUTPUT_MAX_BYTES, listen
 from firmware_sim.ports import PtyPort, TcpPort
 from firmware_sim.rig import Rig
-from firmware_sim.slcan import LINE_MAX
+from firmware_sim.slcan_port import LINE_MAX
+from tests.firmware_sim.sim_bench import MS, shipped
 
 COMMAND = b"t2016983A204E1106\r"
 BYTES = st.binary(max_size=200) | st.sampled_from(

@@ -3,10 +3,10 @@
 from itertools import pairwise
 
 import pytest
-from fault_bench import MS, SECOND, as_bytes, drive, fault, named, rig_with, run_s
-from sim_bench import command, frame_of
 
-from firmware_sim.wire import COMMAND_ID, FRAME_IDS, NodeState, Rejection, crc8
+from firmware_sim.frames import COMMAND_ID, FRAME_IDS, NodeState, Rejection, crc8
+from tests.firmware_sim.fault_bench import MS, SECOND, as_bytes, drive, fault, named, rig_with, run_s
+from tests.firmware_sim.sim_bench import command, frame_of
 
 OUTWARD = [name for name in FRAME_IDS if name != "PumpCommand"]
 

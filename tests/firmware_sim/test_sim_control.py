@@ -7,11 +7,11 @@ import subprocess
 import sys
 
 import pytest
-from fault_bench import rig_with
-from sim_bench import SECOND
 
-from firmware_sim.control import LINE_MAX, Control, Lines, listen_unix
+from firmware_sim.command_server import LINE_MAX, Control, Lines, listen_unix
 from firmware_sim.links import listen
+from tests.firmware_sim.fault_bench import rig_with
+from tests.firmware_sim.sim_bench import SECOND
 
 
 def test_lines_come_cut_anywhere_and_long_ones_are_cut_off():

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from fault_bench import QUIET, drive, level_volts, rig_with
-from sim_bench import CONFIG, SECOND, emulator, shipped
 
-from firmware_sim.draw import drawn
+from firmware_sim.parameter_spread import drawn
 from firmware_sim.rig import Rig
 from firmware_sim.settings import SettingsError, equilibrium_cm, load
+from tests.firmware_sim.fault_bench import QUIET, drive, level_volts, rig_with
+from tests.firmware_sim.sim_bench import CONFIG, SECOND, emulator, shipped
 
 
 def spread(settings, share):

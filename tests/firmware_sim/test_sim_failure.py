@@ -1,12 +1,12 @@
 """Faults by command: the grammar, its refusals, what a command does to a running rig."""
 
 import pytest
-from fault_bench import as_bytes, drive, fault, named, rig_with, run_s
-from sim_bench import ROOT, SECOND
 
-from firmware_sim.failure import COMPONENTS, obey
+from firmware_sim.failure_command import COMPONENTS, obey
 from firmware_sim.faults.catalogue import KINDS
-from firmware_sim.wire import NodeState
+from firmware_sim.frames import NodeState
+from tests.firmware_sim.fault_bench import as_bytes, drive, fault, named, rig_with, run_s
+from tests.firmware_sim.sim_bench import ROOT, SECOND
 
 
 class Recorder:

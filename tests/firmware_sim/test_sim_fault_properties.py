@@ -4,15 +4,15 @@ import random
 from typing import get_args
 
 import pytest
-from fault_bench import START, as_bytes, fault
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sim_bench import MS, SECOND, command, shipped
 
 from firmware_sim.faults.catalogue import KINDS
+from firmware_sim.frames import FRAME_IDS
 from firmware_sim.rig import Rig
-from firmware_sim.wire import FRAME_IDS
-from hil.edge.scenario_file import FaultKind
+from hil.edge.config.scenario_file import FaultKind
+from tests.firmware_sim.fault_bench import START, as_bytes, fault
+from tests.firmware_sim.sim_bench import MS, SECOND, command, shipped
 
 FRAMES = [*FRAME_IDS, "all"]
 NODES = ["pump", "level"]

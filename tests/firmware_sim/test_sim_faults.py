@@ -1,8 +1,7 @@
 """Scheduled faults: onset, end, overlap, scenario time."""
 
-from sim_bench import SECOND
-
 from firmware_sim.faults import FaultSchedule, PumpEffectiveness
+from tests.firmware_sim.sim_bench import SECOND
 
 START = 7 * SECOND
 

@@ -4,10 +4,10 @@ import errno
 
 import can
 import pytest
-from sim_bench import MS, shipped
 
-from firmware_sim.interface import LOOK_AGAIN_NS, InterfacePort
+from firmware_sim.kernel_port import LOOK_AGAIN_NS, InterfacePort
 from firmware_sim.rig import Rig
+from tests.firmware_sim.sim_bench import MS, shipped
 
 DOWN, GONE, NO_DEVICE = errno.ENETDOWN, errno.ENODEV, errno.ENXIO
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sim_bench import MS, emulator
 
+from firmware_sim.frames import ChannelStatus, NodeState
 from firmware_sim.level_node import LevelNode, converter
-from firmware_sim.wire import ChannelStatus, NodeState
+from tests.firmware_sim.sim_bench import MS, emulator
 
 OK, UNDER, OVER = ChannelStatus.OK, ChannelStatus.UNDER_RANGE, ChannelStatus.OVER_RANGE
 

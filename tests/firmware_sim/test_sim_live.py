@@ -12,9 +12,9 @@ from itertools import pairwise
 
 import can
 import pytest
-from sim_bench import CONFIG, command
 
 from firmware_sim.settings import load_fingerprint
+from tests.firmware_sim.sim_bench import CONFIG, command
 
 pytestmark = pytest.mark.live
 

@@ -2,10 +2,9 @@
 
 import json
 
-from fault_bench import SECOND, as_bytes, drive, fault, named, rig_with, run_s
-
-from firmware_sim.record import ChangeRecord
-from firmware_sim.wire import NodeState
+from firmware_sim.change_record import ChangeRecord
+from firmware_sim.frames import NodeState
+from tests.firmware_sim.fault_bench import SECOND, as_bytes, drive, fault, named, rig_with, run_s
 
 
 def boot_counts(frames, name):

@@ -3,10 +3,10 @@
 import math
 
 import pytest
-from fault_bench import QUIET, drive, fault, rig_with
-from sim_bench import emulator
 
 from firmware_sim.settings import equilibrium_cm
+from tests.firmware_sim.fault_bench import QUIET, drive, fault, rig_with
+from tests.firmware_sim.sim_bench import emulator
 
 STEADY = equilibrium_cm(QUIET)
 LONG_S = 1500.0

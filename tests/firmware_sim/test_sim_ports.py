@@ -6,12 +6,12 @@ import tty
 
 import can
 import pytest
-from sim_bench import MS, SECOND, command, shipped
 
+from firmware_sim.frames import NodeState
 from firmware_sim.links import OUTPUT_MAX_BYTES, LineQueue, listen
 from firmware_sim.ports import BusPort, PtyPort, TcpPort
 from firmware_sim.rig import Rig
-from firmware_sim.wire import NodeState
+from tests.firmware_sim.sim_bench import MS, SECOND, command, shipped
 
 GOOD = b"t2016983A204E1106\r"
 

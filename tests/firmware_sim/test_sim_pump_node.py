@@ -4,10 +4,10 @@ import pytest
 from can import Message
 from hypothesis import given
 from hypothesis import strategies as st
-from sim_bench import MS, command, command_bytes, emulator, frame_of
 
+from firmware_sim.frames import COMMAND_ID, NodeState, Rejection, TripCause
 from firmware_sim.pump_node import PumpNode, quantised
-from firmware_sim.wire import COMMAND_ID, NodeState, Rejection, TripCause
+from tests.firmware_sim.sim_bench import MS, command, command_bytes, emulator, frame_of
 
 BOOT, READY, RUN, TRIPPED = NodeState
 BOOT_NS = 200 * MS

@@ -4,12 +4,9 @@ import random
 from collections import Counter
 
 import pytest
-from sim_bench import CONFIG, MS, SECOND, command, emulator, shipped
 
 from firmware_sim.faults import PumpEffectiveness
-from firmware_sim.rig import Rig
-from firmware_sim.settings import equilibrium_cm, load
-from firmware_sim.wire import (
+from firmware_sim.frames import (
     LEVEL_HEARTBEAT_ID,
     LOWER_LEVELS_ID,
     PUMP_HEARTBEAT_ID,
@@ -18,6 +15,9 @@ from firmware_sim.wire import (
     NodeState,
     Rejection,
 )
+from firmware_sim.rig import Rig
+from firmware_sim.settings import equilibrium_cm, load
+from tests.firmware_sim.sim_bench import CONFIG, MS, SECOND, command, emulator, shipped
 
 
 def bench(settings=None, faults=(), seed=1, changes=None):

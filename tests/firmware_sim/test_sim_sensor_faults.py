@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from fault_bench import channel_status, drive, fault, level_volts, rig_with
+
+from tests.firmware_sim.fault_bench import channel_status, drive, fault, level_volts, rig_with
 
 ADC_STEP_V = 10.24 / 4096
 

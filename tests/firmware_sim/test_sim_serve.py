@@ -1,10 +1,10 @@
 """The service on a fake clock: every way out, stalls, a port that stays broken."""
 
 import pytest
-from sim_bench import MS, SECOND, command, shipped
 
 from firmware_sim.rig import Rig
 from firmware_sim.serve import PortLostError, Service
+from tests.firmware_sim.sim_bench import MS, SECOND, command, shipped
 
 
 class FakeClock:

@@ -4,9 +4,9 @@ import subprocess
 import sys
 
 import pytest
-from sim_bench import CONFIG
 
 from firmware_sim.settings import SettingsError, default_config_dir, equilibrium_cm, load
+from tests.firmware_sim.sim_bench import CONFIG
 
 EMULATOR = (CONFIG / "emulator.toml").read_text()
 

@@ -4,9 +4,9 @@ import pytest
 from can import Message
 from hypothesis import given
 from hypothesis import strategies as st
-from sim_bench import command
 
-from firmware_sim.slcan import LINE_MAX, Channel, SlcanPort, parse_frame
+from firmware_sim.slcan_port import LINE_MAX, Channel, SlcanPort, parse_frame
+from tests.firmware_sim.sim_bench import command
 
 BELL, CR = b"\a", b"\r"
 

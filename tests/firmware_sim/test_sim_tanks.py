@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
-from sim_bench import emulator
 
 from firmware_sim.settings import equilibrium_cm
 from firmware_sim.tanks import Tanks
+from tests.firmware_sim.sim_bench import emulator
 
 HEALTHY = [1.0, 1.0]
 NO_LAG = emulator(pumps={"lag_s": 0.0})

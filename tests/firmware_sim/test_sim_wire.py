@@ -8,11 +8,9 @@ import pytest
 from can import Message
 from hypothesis import given
 from hypothesis import strategies as st
-from sim_bench import CONFIG, GOLDEN, command_bytes, frame_of
 
-from firmware_sim import wire
-from firmware_sim.settings import load_fingerprint
-from firmware_sim.wire import (
+from firmware_sim import frames
+from firmware_sim.frames import (
     COMMAND_ID,
     LEVEL_HEARTBEAT_ID,
     LOWER_LEVELS_ID,
@@ -27,6 +25,8 @@ from firmware_sim.wire import (
     counter_verdict,
     parse_command,
 )
+from firmware_sim.settings import load_fingerprint
+from tests.firmware_sim.sim_bench import CONFIG, GOLDEN, command_bytes, frame_of
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def packed(can_id, values):
             counter=values["Counter"],
         )
     if can_id == STATUS_ID:
-        return wire.pack_status(
+        return frames.pack_status(
             (values["Applied1"], values["Applied2"]),
             NodeState(values["State"]),
             TripCause(values["TripCause"]),
@@ -55,20 +55,20 @@ def packed(can_id, values):
         )
     if can_id in (LOWER_LEVELS_ID, UPPER_LEVELS_ID):
         first, second = ("1", "2") if can_id == LOWER_LEVELS_ID else ("3", "4")
-        return wire.pack_levels(
+        return frames.pack_levels(
             can_id,
             (values["Level" + first], values["Level" + second]),
             (ChannelStatus(values["Status" + first]), ChannelStatus(values["Status" + second])),
             values["Counter"],
         )
-    return wire.pack_heartbeat(
+    return frames.pack_heartbeat(
         can_id, NodeState(values["State"]), values["Counter"], values["BootCount"], values["Contract"]
     )
 
 
 def decoded(database, can_id, data):
     values = database.decode_message(can_id, data, decode_choices=False)
-    assert values.pop("Crc") == wire.crc8(can_id, data[:-1])
+    assert values.pop("Crc") == frames.crc8(can_id, data[:-1])
     return values
 
 
@@ -104,7 +104,7 @@ STATES, STATUSES = st.sampled_from(NodeState), st.sampled_from(ChannelStatus)
 
 @given(VOLTS, VOLTS, STATES, st.sampled_from(TripCause), NIBBLE, NIBBLE, st.sampled_from([0, 1, 255]))
 def test_status_at_its_limits_matches_the_dbc(database, v1, v2, state, cause, echo, counter, accepted):
-    data = wire.pack_status((v1, v2), state, cause, echo, counter, accepted)
+    data = frames.pack_status((v1, v2), state, cause, echo, counter, accepted)
     expected = {
         "Applied1": v1,
         "Applied2": v2,
@@ -121,7 +121,7 @@ def test_status_at_its_limits_matches_the_dbc(database, v1, v2, state, cause, ec
 @given(st.sampled_from([LOWER_LEVELS_ID, UPPER_LEVELS_ID]), LEVELS, LEVELS, STATUSES, STATUSES, NIBBLE)
 def test_levels_at_their_limits_match_the_dbc(database, can_id, va, vb, sa, sb, counter):
     a, b = ("1", "2") if can_id == LOWER_LEVELS_ID else ("3", "4")
-    data = wire.pack_levels(can_id, (va, vb), (sa, sb), counter)
+    data = frames.pack_levels(can_id, (va, vb), (sa, sb), counter)
     expected = {"Level" + a: va, "Level" + b: vb, "Status" + a: sa, "Status" + b: sb, "Counter": counter}
     assert decoded(database, can_id, data) == pytest.approx(expected)
     assert database.encode_message(can_id, expected | {"Crc": data[-1]}) == data
@@ -135,7 +135,7 @@ def test_levels_at_their_limits_match_the_dbc(database, can_id, va, vb, sa, sb, 
     st.sampled_from([0, 1, 2**32 - 1]),
 )
 def test_heartbeats_at_their_limits_match_the_dbc(database, can_id, state, counter, boots, contract):
-    data = wire.pack_heartbeat(can_id, state, counter, boots, contract)
+    data = frames.pack_heartbeat(can_id, state, counter, boots, contract)
     expected = {"State": state, "Counter": counter, "BootCount": boots, "Contract": contract}
     assert decoded(database, can_id, data) == expected
     assert database.encode_message(can_id, expected | {"Crc": data[-1]}) == data
@@ -145,23 +145,23 @@ def test_heartbeats_at_their_limits_match_the_dbc(database, can_id, state, count
 def test_commands_encoded_by_the_dbc_are_parsed(database, v1, v2, enable, clear, counter):
     values = {"Command1": v1, "Command2": v2, "Enable": enable, "ClearTrip": clear, "Counter": counter}
     data = database.encode_message(COMMAND_ID, values | {"Crc": 0})
-    data = wire.sealed(COMMAND_ID, data[:-1])
+    data = frames.sealed(COMMAND_ID, data[:-1])
     parsed = parse_command(frame_of(data))
     assert parsed == PumpCommand((pytest.approx(v1), pytest.approx(v2)), enable, clear, counter)
 
 
 def test_ids_data_ids_and_lengths_are_those_of_the_dbc(database):
-    frames = {message.frame_id: message for message in database.messages}
-    assert frames.keys() == wire.DATA_IDS.keys()
-    for can_id, message in frames.items():
-        assert message.dbc.attributes["DataId"].value == wire.DATA_IDS[can_id]
+    in_dbc = {message.frame_id: message for message in database.messages}
+    assert in_dbc.keys() == frames.DATA_IDS.keys()
+    for can_id, message in in_dbc.items():
+        assert message.dbc.attributes["DataId"].value == frames.DATA_IDS[can_id]
         assert not message.is_extended_frame
-    assert frames[COMMAND_ID].length == wire.COMMAND_LENGTH
+    assert in_dbc[COMMAND_ID].length == frames.COMMAND_LENGTH
 
 
 def test_crc_check_value_of_the_polynomial():
     """The check value of CRC-8/AUTOSAR over the digits 1 to 9 is 0xDF."""
-    assert wire._crc_over(0xFF, b"123456789") ^ 0xFF == 0xDF
+    assert frames._crc_over(0xFF, b"123456789") ^ 0xFF == 0xDF
 
 
 @pytest.mark.parametrize("flips", [1, 2])
@@ -191,7 +191,7 @@ GOOD = command_bytes(3.0, 4.0)
         (frame_of(GOOD + b"\0"), Rejection.LENGTH),
         (frame_of(GOOD[:3], dlc=6), Rejection.LENGTH),
         (frame_of(GOOD[:5] + bytes([GOOD[5] ^ 1])), Rejection.CRC),
-        (frame_of(wire.sealed(STATUS_ID, GOOD[:5])), Rejection.CRC),
+        (frame_of(frames.sealed(STATUS_ID, GOOD[:5])), Rejection.CRC),
         (frame_of(command_bytes(10.0002, 0.0)), Rejection.RANGE),
         (frame_of(command_bytes(0.0, 13.107)), Rejection.RANGE),
     ],
@@ -203,7 +203,7 @@ def test_what_is_not_a_good_command_is_rejected(frame, cause):
 def test_spare_bits_are_ignored():
     payload = bytearray(GOOD[:5])
     payload[4] |= 0b1100
-    assert parse_command(frame_of(wire.sealed(COMMAND_ID, bytes(payload)))) == parse_command(frame_of(GOOD))
+    assert parse_command(frame_of(frames.sealed(COMMAND_ID, bytes(payload)))) == parse_command(frame_of(GOOD))
 
 
 @pytest.mark.parametrize("last", range(16))

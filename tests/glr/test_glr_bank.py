@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
-from glr_bench import DETECTOR, PERIOD_S, Plant
 
-from hil.core.glr import bank, process
-from hil.core.glr.hypotheses import JUMPS, H
-from hil.core.glr.memory import Memory
+from hil.core.diagnosis.glr import bank, process
+from hil.core.diagnosis.glr.hypotheses import JUMPS, H
+from hil.core.diagnosis.glr.memory import Memory
+from tests.glr.glr_bench import DETECTOR, PERIOD_S, Plant
 
 
 def a_memory(seconds: float = 60.0) -> tuple[Memory, Plant]:

@@ -1,9 +1,9 @@
 import math
 
 import pytest
-from glr_bench import MODEL
 
-from hil.core.glr.bound import detection_bound_s, jumps_of_fault
+from hil.core.diagnosis.glr.detection_bound import detection_bound_s, jumps_of_fault
+from tests.glr.glr_bench import MODEL
 
 
 def bound(*faults, noise_V=0.005):

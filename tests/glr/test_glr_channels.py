@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hil.core.glr.channels import LONGEST_RUN, Channel
+from hil.core.diagnosis.glr.sensor_statistics import LONGEST_RUN, Channel
 from hil.core.types import Measurement
 
 STEP_V = 0.0025

@@ -3,13 +3,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from glr_bench import DETECTOR, MODEL, PERIOD_S, Plant, play, put
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from hil.core.glr.detector import GlrDetector
-from hil.core.glr.tuning import Tuning
+from hil.core.diagnosis.glr.glr_detector import GlrDetector
+from hil.core.diagnosis.glr.tuning import Tuning
 from hil.core.types import UNRESOLVED, Measurement
+from tests.glr.glr_bench import DETECTOR, MODEL, PERIOD_S, Plant, play, put
 
 FAULT_S = 40.0
 SOUND = ((5.0, 0.3),)

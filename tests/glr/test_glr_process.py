@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
-from glr_bench import DETECTOR, MODEL, PERIOD_S, Plant
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil.core.glr import process
-from hil.core.glr.process import BIAS, DRIFT, GAIN, LAG, LEAK, MOVING, OUTLET, PUMP, SPLIT, N
+from hil.core.diagnosis.glr import process
+from hil.core.diagnosis.glr.process import BIAS, DRIFT, GAIN, LAG, LEAK, MOVING, OUTLET, PUMP, SPLIT, N
+from tests.glr.glr_bench import DETECTOR, MODEL, PERIOD_S, Plant
 
 C = process.constants(MODEL, 0.2)
 

@@ -1,9 +1,9 @@
 import math
 
 import pytest
-from glr_bench import DETECTOR, PERIOD_S, Plant
 
-from hil.core.glr import water
+from hil.core.diagnosis.glr import inflow_check
+from tests.glr.glr_bench import DETECTOR, PERIOD_S, Plant
 
 SETUP = DETECTOR._setup
 
@@ -25,25 +25,25 @@ def watched(seed, pump_V, effectiveness, steps=14, before=30):
 def test_a_pump_without_water_is_missed_within_a_second_and_a_half_and_a_weak_one_is_not(seed, pump):
     none, weak = [1.0, 1.0], [1.0, 1.0]
     none[pump], weak[pump] = 0.0, 0.4
-    assert water.is_missing(SETUP, watched(seed, (3.0, 3.0), none), pump)
-    assert not water.is_missing(SETUP, watched(seed, (3.0, 3.0), none), 1 - pump)
-    assert not water.is_missing(SETUP, watched(seed, (3.0, 3.0), weak), pump)
-    assert not water.is_missing(SETUP, watched(seed, (3.0, 3.0), (1.0, 1.0)), pump)
+    assert inflow_check.is_missing(SETUP, watched(seed, (3.0, 3.0), none), pump)
+    assert not inflow_check.is_missing(SETUP, watched(seed, (3.0, 3.0), none), 1 - pump)
+    assert not inflow_check.is_missing(SETUP, watched(seed, (3.0, 3.0), weak), pump)
+    assert not inflow_check.is_missing(SETUP, watched(seed, (3.0, 3.0), (1.0, 1.0)), pump)
 
 
 def test_of_a_pump_at_rest_or_a_tank_without_readings_nothing_is_said():
-    assert not water.is_missing(SETUP, watched(1, (1.0, 3.0), (0.0, 1.0)), 0)
+    assert not inflow_check.is_missing(SETUP, watched(1, (1.0, 3.0), (0.0, 1.0)), 0)
     memory = watched(1, (3.0, 3.0), (0.0, 1.0))
     for row in memory.history.entries:
         row[2 + 3] = math.nan
-    assert not water.is_missing(SETUP, memory, 0)
+    assert not inflow_check.is_missing(SETUP, memory, 0)
     memory = watched(1, (3.0, 3.0), (0.0, 1.0))
     memory.usable[3] = False
-    assert not water.is_missing(SETUP, memory, 0)
-    assert not water.is_missing(SETUP, watched(1, (3.0, 3.0), (0.0, 1.0), steps=3, before=3), 0)
+    assert not inflow_check.is_missing(SETUP, memory, 0)
+    assert not inflow_check.is_missing(SETUP, watched(1, (3.0, 3.0), (0.0, 1.0), steps=3, before=3), 0)
 
 
 def test_periods_without_readings_leave_the_others_to_judge():
     memory = watched(2, (3.0, 3.0), (0.0, 1.0))
     memory.history.entries[::2, 2 + 3] = math.nan
-    assert water.is_missing(SETUP, memory, 0)
+    assert inflow_check.is_missing(SETUP, memory, 0)

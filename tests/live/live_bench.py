@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from firmware_sim.links import listen
-from firmware_sim.slcan import SlcanPort
+from firmware_sim.slcan_port import SlcanPort
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = ROOT / "config"

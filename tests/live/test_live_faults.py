@@ -6,7 +6,11 @@ import time
 from itertools import pairwise
 
 import pytest
-from live_bench import (
+
+from firmware_sim.frames import parse_command
+from hil.edge.record.run_folder import RunFolder
+from hil.review.ticks import read
+from tests.live.live_bench import (
     HEARTBEAT_AGE_MAX_S,
     LEVELS_AGE_MAX_S,
     PERIOD_S,
@@ -20,10 +24,6 @@ from live_bench import (
     wait_for,
     write_scenario,
 )
-
-from firmware_sim.wire import parse_command
-from hil.edge.run_folder import RunFolder
-from hil.review.ticks import read
 
 pytestmark = pytest.mark.live
 

@@ -8,11 +8,11 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 import pytest
-from live_bench import CONFIG, PLAIN, WATCHDOG_S, controller, emulator, wait_for
 
 from hil.core.types import Mode
-from hil.edge.run_folder import RunFolder
+from hil.edge.record.run_folder import RunFolder
 from hil.review.ticks import read
+from tests.live.live_bench import CONFIG, PLAIN, WATCHDOG_S, controller, emulator, wait_for
 
 pytestmark = pytest.mark.live
 

@@ -8,19 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from live_bench import (
-    CONFIG,
-    PERIOD_S,
-    PLAIN,
-    controller,
-    emulator,
-    hil,
-    sent_s,
-    write_scenario,
-)
 
-from hil.edge.run_folder import RunFolder
+from hil.edge.record.run_folder import RunFolder
 from hil.review.ticks import read
+from tests.live.live_bench import CONFIG, PERIOD_S, PLAIN, controller, emulator, hil, sent_s, write_scenario
 
 pytestmark = pytest.mark.live
 FILES = {"run.json", "can.log", "ticks.csv", "events.jsonl", "run.rrd", "kpi.json", "report.html"}

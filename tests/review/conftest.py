@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
 
-from hil.edge.run_folder import RunFolder
-
-sys.path.insert(0, str(Path(__file__).parent))  # for `toy`
-
-import toy
+from hil.edge.record.run_folder import RunFolder
+from tests.review import toy
 
 
 @pytest.fixture(scope="session")

@@ -7,8 +7,8 @@ import os
 import time
 from pathlib import Path
 
-from hil.edge.recorder import Recorder
-from hil.edge.run_folder import RunFolder
+from hil.edge.record.recorder import Recorder
+from hil.edge.record.run_folder import RunFolder
 
 
 class FullDisk(io.StringIO):

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-import toy
 
 from hil.core.types import Alarm, Event, Severity
-from hil.edge.recorder import Recorder
-from hil.edge.run_folder import RunFolder, RunFolderError, Window
+from hil.edge.record.recorder import Recorder
+from hil.edge.record.run_folder import RunFolder, RunFolderError, Window
 from hil.review.kpi import Kpi, absolute_error_integral, compute
-from hil.review.report import write_report
+from hil.review.run_report import write_report
+from tests.review import toy
 
 KEYS = {"false_alarms", "spurious_alarms", "overflow", "dry_run", "applied_out_of_range", "iae_after_fault_Vs"} | {
     "iae_Vs",

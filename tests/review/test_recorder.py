@@ -7,14 +7,14 @@ from pathlib import Path
 import can
 import numpy as np
 import pytest
-import toy
-from recorder_bench import open_on_a_full_disk
 
 from hil.core.types import Event, Mode, Severity
-from hil.edge.record_format import COLUMNS, event_line, tick_row
-from hil.edge.recorder import Recorder
-from hil.edge.run_folder import RunFolder
+from hil.edge.record.record_format import COLUMNS, event_line, tick_row
+from hil.edge.record.recorder import Recorder
+from hil.edge.record.run_folder import RunFolder
 from hil.review.ticks import read_events, read_ticks
+from tests.review import toy
+from tests.review.recorder_bench import open_on_a_full_disk
 
 
 class BrokenTimeline:

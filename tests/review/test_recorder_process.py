@@ -13,15 +13,15 @@ from pathlib import Path
 import can
 import numpy as np
 import pytest
-import recorder_bench as misbehaving
-import toy
 
-from hil.cli.record import TimelineSettings, open_record
+from hil.bench.open_record import TimelineSettings, open_record
 from hil.core.types import Event, Severity
-from hil.edge.recorder import Recorder
-from hil.edge.recorder_process import OLDEST_S, ProcessRecorder
-from hil.edge.run_folder import RunFolder, RunFolderError
+from hil.edge.record.recorder import Recorder
+from hil.edge.record.recorder_process import OLDEST_S, ProcessRecorder
+from hil.edge.record.run_folder import RunFolder, RunFolderError
 from hil.review.ticks import read_events, read_ticks
+from tests.review import recorder_bench as misbehaving
+from tests.review import toy
 
 TEXT_FILES = ("can.log", "ticks.csv", "events.jsonl")
 MS_100 = 0.1
@@ -189,9 +189,9 @@ import os, sys, time
 from functools import partial
 from pathlib import Path
 import toy
-from hil.cli.record import TimelineSettings, open_record
-from hil.edge.recorder_process import ProcessRecorder
-from hil.edge.run_folder import RunFolder
+from hil.bench.open_record import TimelineSettings, open_record
+from hil.edge.record.recorder_process import ProcessRecorder
+from hil.edge.record.run_folder import RunFolder
 folder = RunFolder.create(Path(sys.argv[1]), toy.plan(mode="live"))
 recorder = ProcessRecorder()
 recorder.open(folder, partial(open_record, folder, TimelineSettings(0.5, 30.0, False)))

@@ -4,15 +4,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-import toy
 from rerun.chunk import RrdReader
 
 from hil.core.types import Event, Mode, Severity
-from hil.edge.record_format import COLUMNS
-from hil.edge.recorder import Recorder
-from hil.edge.rerun_log import TIMELINE, RerunLog, RunCard, compact, series
-from hil.edge.run_folder import RunFolder
+from hil.edge.record.record_format import COLUMNS
+from hil.edge.record.recorder import Recorder
+from hil.edge.record.rerun_log import TIMELINE, RerunLog, RunCard, compact, series
+from hil.edge.record.run_folder import RunFolder
 from hil.review.blueprint import blueprint
+from tests.review import toy
 
 
 def rows(path: Path, entity: str) -> list[dict[str, object]]:

@@ -5,15 +5,15 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
-import toy
 
-from hil.edge.run_folder import (
+from hil.edge.record.run_folder import (
     NoRunFolderError,
     RunFolder,
     RunFolderError,
     RunFolderExistsError,
     versions,
 )
+from tests.review import toy
 
 
 def test_an_existing_folder_is_refused_and_left_as_it_is(tmp_path: Path) -> None:

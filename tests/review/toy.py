@@ -10,9 +10,9 @@ from pathlib import Path
 from random import Random
 
 from hil.core.types import Alarm, Event, Mode, Pair, Quad, Severity, TickRecord
-from hil.edge.recorder import Recorder
-from hil.edge.rerun_log import RerunLog, RunCard
-from hil.edge.run_folder import RunFolder, RunPlan, Window
+from hil.edge.record.recorder import Recorder
+from hil.edge.record.rerun_log import RerunLog, RunCard
+from hil.edge.record.run_folder import RunFolder, RunPlan, Window
 from hil.review.blueprint import blueprint
 
 GAIN_V_CM = 0.5

@@ -9,11 +9,11 @@ from pathlib import Path
 
 from can import Message
 
-from firmware_sim import wire as node
+from firmware_sim import frames as node
 from hil.core.closed_loop import LoopConfig
 from hil.core.controller import ControllerConfig
 from hil.core.design import choose_rig_design
-from hil.core.diagnosis import NoDetector
+from hil.core.diagnosis.ideal import NoDetector
 from hil.core.estimator import LevelFilter
 from hil.core.interlocks import SOUND, Belief, Limits
 from hil.core.reconfiguration import Reconfiguration

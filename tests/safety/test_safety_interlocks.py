@@ -6,12 +6,25 @@ from dataclasses import FrozenInstanceError, fields, replace
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from safety_bench import ALL, BENCH, FAULTS, HEALTHY, LIMITS, READY, REST_CM, REST_V, believing, but, doubted, level
 
 from hil.core import interlocks, supervisor
 from hil.core.interlocks import BYPASSABLE, INTERLOCKS, NO_BELIEF, Belief, Reaction
 from hil.core.supervisor import OFF, Supervision
 from hil.core.types import Action, Diagnosis, Mode, NodeState, Request, Severity, TripCause
+from tests.safety.safety_bench import (
+    ALL,
+    BENCH,
+    FAULTS,
+    HEALTHY,
+    LIMITS,
+    READY,
+    REST_CM,
+    REST_V,
+    believing,
+    but,
+    doubted,
+    level,
+)
 
 NOW_NS = 7_000_000_000
 SECOND = 1_000_000_000

@@ -4,22 +4,12 @@ import math
 from dataclasses import replace
 
 import pytest
-from safety_bench import (
-    CONTRACT,
-    LIMITS,
-    MS,
-    PERIOD_NS,
-    REST_V,
-    START_NS,
-    LoopBench,
-    config,
-    raw_command,
-)
 
-from firmware_sim import wire as node
+from firmware_sim import frames as node
 from hil.core import controller
-from hil.core.diagnosis import NoDetector
+from hil.core.diagnosis.ideal import NoDetector
 from hil.core.types import Mode, Timing, TripCause
+from tests.safety.safety_bench import CONTRACT, LIMITS, MS, PERIOD_NS, REST_V, START_NS, LoopBench, config, raw_command
 
 
 class Saboteur(NoDetector):

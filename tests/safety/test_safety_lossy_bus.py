@@ -1,14 +1,14 @@
 """Heartbeats on a bus that loses frames, and silence once somebody else commands the pumps."""
 
 import pytest
-from safety_bench import CONTRACT, HEALTHY, LIMITS, MS, PERIOD_NS, LoopBench, but, raw_command
 
 from hil.core import supervisor
 from hil.core.interlocks import LOSSY_PATIENCE
 from hil.core.supervisor import Supervision
 from hil.core.types import Mode, TripCause
-from hil.wire.commands import CommandSender
+from hil.wire.command_sender import CommandSender
 from hil.wire.receiver import LOSSY_NS, Receiver
+from tests.safety.safety_bench import CONTRACT, HEALTHY, LIMITS, MS, PERIOD_NS, LoopBench, but, raw_command
 
 
 @pytest.mark.parametrize(

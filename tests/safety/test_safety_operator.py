@@ -5,10 +5,10 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
-from safety_bench import LIMITS, MS, PERIOD_NS, PERIOD_S, REST_V, VERDICTS, LoopBench, config, raw_command
 
-from hil.core.diagnosis import NoDetector
+from hil.core.diagnosis.ideal import NoDetector
 from hil.core.types import Action, Diagnosis, Mode, Request, TripCause
+from tests.safety.safety_bench import LIMITS, MS, PERIOD_NS, PERIOD_S, REST_V, VERDICTS, LoopBench, config, raw_command
 
 MANUAL, AUTO, CLEAR, STOP = (Request(a) for a in (Action.MANUAL, Action.AUTO, Action.CLEAR, Action.STOP))
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from safety_bench import BENCH
 from scipy.integrate import solve_ivp
 
 from hil.core.overshoot import LEAST_SHARE, Outlets, drained_peak, peak_levels, watch
 from hil.core.tanks import TankModel, equilibrium, level_rates
+from tests.safety.safety_bench import BENCH
 
 SECOND = 1_000_000_000
 DT_NS = SECOND // 10

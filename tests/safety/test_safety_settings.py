@@ -3,13 +3,13 @@
 import tomllib
 
 import pytest
-from safety_bench import LIMITS, ROOT
 
-from hil.cli.build import controller_config, load
+from hil.bench.assembly import controller_config, load
 from hil.core.interlocks import BYPASSABLE
 from hil.core.types import Action, Request, TripCause
-from hil.edge.scenario_file import OperatorRequest, load_scenario
-from hil.edge.settings import SettingsError
+from hil.edge.config.scenario_file import OperatorRequest, load_scenario
+from hil.edge.config.settings_file import SettingsError
+from tests.safety.safety_bench import LIMITS, ROOT
 
 HEAD = '[scenario]\nname = "asked"\nduration_s = 10.0\n'
 

@@ -6,12 +6,12 @@ from dataclasses import replace
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from safety_bench import FAULTS, HEALTHY, LIMITS, READY, but, level
 
 from hil.core import supervisor
 from hil.core.interlocks import INTERLOCKS, Belief
 from hil.core.supervisor import CLEAR, OFF, Supervision
 from hil.core.types import Diagnosis, Mode, NodeState, Severity, TripCause
+from tests.safety.safety_bench import FAULTS, HEALTHY, LIMITS, READY, but, level
 
 CONTROLLING = (Mode.RUNNING, Mode.DEGRADED)
 TRIPPING = (*CONTROLLING, Mode.STOPPING)

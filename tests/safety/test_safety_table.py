@@ -3,11 +3,11 @@
 from dataclasses import replace
 
 import pytest
-from safety_bench import FAULTS, HEALTHY, LIMITS, READY, VERDICTS, believing, but
 
 from hil.core import supervisor
 from hil.core.supervisor import Supervision
 from hil.core.types import Action, Diagnosis, Inputs, Mode, NodeState, Request, Severity, TripCause
+from tests.safety.safety_bench import FAULTS, HEALTHY, LIMITS, READY, VERDICTS, believing, but
 
 NOW_NS = 5_000_000_000
 PERIOD_S = 0.1

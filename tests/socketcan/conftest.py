@@ -8,13 +8,13 @@ import pytest
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE), str(HERE.parent / "bus")]
 
-from kernel_fixtures import cable, loop  # noqa: E402, F401 - fixtures
+from tests.socketcan.kernel_fixtures import cable, loop  # noqa: E402, F401 - fixtures
 
 
 @pytest.fixture(scope="session")
 def rig(cable, tmp_path_factory):  # noqa: F811 - the fixture
     """The emulator on the far end of the cable."""
-    from socketcan_bench import emulator
+    from tests.socketcan.socketcan_bench import emulator
 
     with emulator(cable.far, tmp_path_factory.mktemp("rig")) as one:
         yield one

@@ -3,8 +3,8 @@
 import os
 
 import pytest
-from kernel_links import Cable, Loop
 
+from tests.socketcan.kernel_links import Cable, Loop
 from tools.guest.host import obstacle
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import can
 
-from hil.edge.bus import BusAddress, BusPort
+from hil.edge.can.bus import BusAddress, BusPort
 
 BITRATE = 500_000
 GUEST = Path("/run/job/command.sh")

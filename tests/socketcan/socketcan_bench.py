@@ -13,18 +13,21 @@ import sys
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from kernel_links import wait_for
-
+import firmware_sim.change_record
 import firmware_sim.cli
-import firmware_sim.control
-import firmware_sim.interface
-import firmware_sim.record
+import firmware_sim.command_server
+import firmware_sim.kernel_port
 import firmware_sim.rig
 import firmware_sim.serve
 import firmware_sim.settings
 import hil.cli.app
-import hil.edge.socketcan
-from hil.cli import build, experiment, show  # noqa: F401 - imported before the forks
+import hil.edge.can.socketcan
+from hil.bench import (
+    assembly,  # noqa: F401 - imported before the forks
+    live_run,  # noqa: F401 - imported before the forks
+)
+from hil.cli import run_display  # noqa: F401 - imported before the forks
+from tests.socketcan.kernel_links import wait_for
 
 PERIOD_S = 0.1
 WATCHDOG_S = 0.25

@@ -9,11 +9,11 @@ from contextlib import contextmanager
 
 import can
 import pytest
-from bus_bench import COMMAND_ID, FOREIGN_ID, IDS, LEVELS_ID, STATUS_ID, frame, next_frame
-from kernel_links import BITRATE, ip
 
-from hil.edge.bus import BusAddress, BusError, BusPort
-from hil.edge.socketcan import Link
+from hil.edge.can.bus import BusAddress, BusError, BusPort
+from hil.edge.can.socketcan import Link
+from tests.bus.bus_bench import COMMAND_ID, FOREIGN_ID, IDS, LEVELS_ID, STATUS_ID, frame, next_frame
+from tests.socketcan.kernel_links import BITRATE, ip
 
 pytestmark = pytest.mark.socketcan
 GOOD = b"\x2a" * 7

@@ -12,16 +12,16 @@ from pathlib import Path
 import can
 import cantools
 import pytest
-from bus_bench import IDS
-from kernel_links import BITRATE, wait_for
-from socketcan_bench import OFF, PERIOD_S, WATCHDOG_S, controller, emulator
 
-from hil.cli import build
+from hil.bench import assembly
 from hil.core import supervisor
-from hil.edge.bus import BusAddress, BusPort
-from hil.edge.settings import default_config_dir
-from hil.wire.commands import CommandSender
+from hil.edge.can.bus import BusAddress, BusPort
+from hil.edge.config.settings_file import default_config_dir
+from hil.wire.command_sender import CommandSender
 from hil.wire.receiver import Receiver
+from tests.bus.bus_bench import IDS
+from tests.socketcan.kernel_links import BITRATE, wait_for
+from tests.socketcan.socketcan_bench import OFF, PERIOD_S, WATCHDOG_S, controller, emulator
 
 pytestmark = pytest.mark.socketcan
 
@@ -106,7 +106,7 @@ def test_canplayer_replays_a_recorded_run_into_the_receiver(whole, loop):
     """Every frame of the run is taken as it was then: the nodes' as accepted, ours as somebody else's commands."""
     log = whole.run.folder / "can.log"
     lines = log.read_text().splitlines()
-    contract = build.load_contract(DBC)
+    contract = assembly.load_contract(DBC)
     receiver = Receiver(contract, CommandSender(contract), (0.0, 10.24))
     port = BusPort(BusAddress("socketcan", loop.near, BITRATE).open(IDS))
     with subprocess.Popen(["canplayer", "-I", str(log), f"{loop.near}=can0"]) as player:
@@ -158,7 +158,7 @@ def test_case_01_05_06_12_lost_doubled_swapped_and_foreign_frames_do_not_trip(ri
 
 def test_case_14_cansend_of_our_command_id_latches(rig, run, cable):
     """A valid frame that a stranger sends: trips within a step, one last 0 V, then silence until the node is safe."""
-    data = CommandSender(build.load_contract(DBC)).encode(supervisor.OFF, 0)
+    data = CommandSender(assembly.load_contract(DBC)).encode(supervisor.OFF, 0)
     subprocess.run(["cansend", cable.far, f"{COMMAND_ID:03X}#{data.hex()}"], check=True)
     assert_tripped(run, "foreign_command", "node_tripped")
     wait_for(lambda: rig.pump()[-1]["applied_V"] == OFF, 3.0)

@@ -3,10 +3,10 @@
 from dataclasses import fields
 
 import pytest
-from wire_bench import CONTRACT, MS, NAMES, frame, message
 
-from hil.wire import checks
-from hil.wire.checks import FrameCheck, Rejection, is_plain
+from hil.wire import frame_check
+from hil.wire.frame_check import FrameCheck, Rejection, is_plain
+from tests.wire.wire_bench import CONTRACT, MS, NAMES, frame, message
 
 ID = CONTRACT.frames["LowerLevels"].frame_id
 SILENCE_NS = 150 * MS
@@ -28,7 +28,7 @@ def verdict(one, counter, at_ns):
 
 
 def test_the_rules_are_those_of_the_contract():
-    assert (checks.RESYNCHRONISE_NS, checks.LARGEST_COUNTER_STEP) == (150_000_000, 8)
+    assert (frame_check.RESYNCHRONISE_NS, frame_check.LARGEST_COUNTER_STEP) == (150_000_000, 8)
 
 
 @pytest.mark.parametrize("counter", range(16))

@@ -3,9 +3,9 @@
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from wire_bench import CONTRACT, MS, go
 
-from hil.wire.commands import CommandSender
+from hil.wire.command_sender import CommandSender
+from tests.wire.wire_bench import CONTRACT, MS, go
 
 
 def sender_with(count, period_ns=100 * MS):

@@ -9,11 +9,11 @@ import pytest
 from crccheck.crc import Crc8Autosar
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from wire_bench import CONTRACT, DATABASE, DBC, DEFAULTS, GOLDEN, NAMES, go, payload_of, sealed
 
 from hil.core.types import Command
-from hil.wire.commands import CommandSender
+from hil.wire.command_sender import CommandSender
 from hil.wire.contract import Contract, ContractError, crc8, fingerprint
+from tests.wire.wire_bench import CONTRACT, DATABASE, DBC, DEFAULTS, GOLDEN, NAMES, go, payload_of, sealed
 
 
 def spec_of(can_id):

@@ -3,9 +3,9 @@
 import math
 
 import pytest
-from wire_bench import MS, NODE_FRAMES, feed_levels, frame, message, receiver
 
-from hil.wire.checks import Rejection
+from hil.wire.frame_check import Rejection
+from tests.wire.wire_bench import MS, NODE_FRAMES, feed_levels, frame, message, receiver
 
 # readings that are not valid
 

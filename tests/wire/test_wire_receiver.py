@@ -7,7 +7,10 @@ import pytest
 from can import Message
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from wire_bench import (
+
+from hil.core.types import NodeState
+from hil.wire.frame_check import LARGEST_COUNTER_STEP, RESYNCHRONISE_NS, Rejection
+from tests.wire.wire_bench import (
     CONTRACT,
     MS,
     NAMES,
@@ -21,9 +24,6 @@ from wire_bench import (
     sealed,
     seen,
 )
-
-from hil.core.types import NodeState
-from hil.wire.checks import LARGEST_COUNTER_STEP, RESYNCHRONISE_NS, Rejection
 
 PERIOD_NS = {"LowerLevels": 20 * MS, "UpperLevels": 20 * MS, "PumpStatus": 50 * MS}
 

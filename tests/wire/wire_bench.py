@@ -8,7 +8,7 @@ from can import Message
 from crccheck.crc import Crc8Autosar
 
 from hil.core.types import Command
-from hil.wire.commands import CommandSender
+from hil.wire.command_sender import CommandSender
 from hil.wire.contract import Contract
 from hil.wire.receiver import Receiver
 

@@ -12,7 +12,7 @@ import numpy as np
 import scipy.signal
 from numpy.typing import NDArray
 
-from hil.cli import build
+from hil.bench import assembly
 from hil.core.design import PAPER_ANGLES_RAD, PAPER_POLES
 from hil.core.eigenstructure import assign, augment
 from hil.core.tanks import equilibrium, linearise, printed_linear_model
@@ -67,7 +67,7 @@ def eigenstructure_assignment(effort: Effort) -> list[Section]:
 
 def recomputation(effort: Effort) -> list[Section]:
     """What a change of reference or diagnosis costs within a control step."""
-    config = build.controller_config(build.load(SCENARIO)).loop
+    config = assembly.controller_config(assembly.load(SCENARIO)).loop
     model, design = config.reconfiguration.model, config.reconfiguration.design
     at = linearise(model, equilibrium(model, config.reconfiguration.operating_point_V))
     reference = config.references[0][1]

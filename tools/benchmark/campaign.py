@@ -6,9 +6,9 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from hil.bench.campaign_case import run_case
 from hil.campaign.cases import Case
-from hil.cli.campaign_run import run_case
-from hil.edge.settings import merged, read_toml
+from hil.edge.config.settings_file import merged, read_toml
 from tools.benchmark import ROOT, SCENARIO
 from tools.benchmark.tables import Section, as_time, as_verdict
 from tools.benchmark.timing import Effort

@@ -11,11 +11,11 @@ from firmware_sim import settings as emulator_settings
 from firmware_sim.ports import BusPort as EmulatorPort
 from firmware_sim.rig import Rig as Emulator
 from hil import lockstep
-from hil.cli import build
+from hil.bench import assembly
 from hil.core.controller import Output
 from hil.core.types import Event, Inputs, Mode, Quad, TickRecord
-from hil.edge.bus import BusPort
-from hil.edge.pair_bus import pair
+from hil.edge.can.bus import BusPort
+from hil.edge.can.pair_bus import pair
 from hil.loop import ControlLoop
 from tools.benchmark import SCENARIO
 
@@ -31,8 +31,8 @@ class Capture:
     @classmethod
     def of_a_run(cls, duration_s: float | None = None, scenario: Path = SCENARIO) -> Capture:
         """A scenario, or the beginning of it."""
-        bench = build.load(scenario)
-        config = build.controller_config(bench, duration_s)
+        bench = assembly.load(scenario)
+        config = assembly.controller_config(bench, duration_s)
         truth, faults = emulator_settings.load(bench.emulator_path, bench.scenario_path)
         emulator = Emulator(truth, faults, 1, emulator_settings.load_fingerprint(bench.dbc_path))
         capture = cls(config.loop.period_s)

@@ -13,12 +13,12 @@ from statistics import median
 import numpy as np
 from numba.core.registry import CPUDispatcher
 
-import hil.core.glr
-from hil.cli import build
+import hil.core.diagnosis.glr
+from hil.bench import assembly
 from hil.core import controller
 from hil.core.controller import ControllerConfig, ControllerState
-from hil.core.diagnosis import NoDetector
-from hil.core.glr.memory import Memory
+from hil.core.diagnosis.glr.memory import Memory
+from hil.core.diagnosis.ideal import NoDetector
 from tools.benchmark import ROOT, SCENARIO
 from tools.benchmark.capture import Capture
 from tools.benchmark.tables import Section, as_time, as_verdict
@@ -46,7 +46,7 @@ def diagnosis_step(effort: Effort) -> list[Section]:
     times = Times()
     for scenario in (SCENARIO, LEAK):
         capture = Capture.of_a_run(scenario=scenario)
-        config = build.controller_config(build.load(scenario))
+        config = assembly.controller_config(assembly.load(scenario))
         without = replace(config, loop=replace(config.loop, detector=NoDetector()))
         passes = max(1, effort.steps // (2 * len(capture.inputs)))
         for _ in range(passes):
@@ -100,7 +100,7 @@ def _quantiles(took_us: list[float], *, is_target: bool) -> tuple[str, ...]:
 def _litter() -> Section:
     """What a run compiles and allocates after it has armed: nothing, and little."""
     capture = Capture.of_a_run(250.0, scenario=SCENARIO)
-    config = build.controller_config(build.load(SCENARIO))
+    config = assembly.controller_config(assembly.load(SCENARIO))
     before = _compiled()
     state = ControllerState()
     warm = len(capture.inputs) - COUNTED_STEPS  # the counted steps hold the fault
@@ -138,8 +138,8 @@ def _litter() -> Section:
 def _compiled() -> dict[str, int]:
     """Signatures that each compiled function of the diagnosis has been compiled for."""
     found = {}
-    for info in pkgutil.iter_modules(hil.core.glr.__path__):
-        module = importlib.import_module(f"hil.core.glr.{info.name}")
+    for info in pkgutil.iter_modules(hil.core.diagnosis.glr.__path__):
+        module = importlib.import_module(f"hil.core.diagnosis.glr.{info.name}")
         for name, value in vars(module).items():
             if isinstance(value, CPUDispatcher):
                 found[f"{info.name}.{name}"] = len(value.signatures)

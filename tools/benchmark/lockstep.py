@@ -11,7 +11,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from hil.cli import build, experiment
+from hil.bench import assembly, lockstep_run, run_options
 from tools.benchmark import ROOT, SCENARIO
 from tools.benchmark.tables import Section, as_share, as_verdict
 from tools.benchmark.timing import Effort
@@ -34,7 +34,7 @@ def lockstep_speed(effort: Effort) -> list[Section]:
     with tempfile.TemporaryDirectory() as folder:
         for index in range(effort.runs + 1):
             for number, (name, (scenario, rerun, _)) in enumerate(variants.items()):
-                speed = _simulate(build.load(scenario), Path(folder) / f"{index}_{number}", rerun=rerun)
+                speed = _simulate(assembly.load(scenario), Path(folder) / f"{index}_{number}", rerun=rerun)
                 if index:
                     speeds[name].append(speed)
     rows = []
@@ -52,7 +52,7 @@ def lockstep_speed(effort: Effort) -> list[Section]:
 def lockstep_profile(effort: Effort) -> list[Section]:
     """Where a run's time goes: own time by function, and by module. One run, whatever the effort."""
     del effort
-    bench = build.load(SCENARIO)
+    bench = assembly.load(SCENARIO)
     profile = cProfile.Profile()
     with tempfile.TemporaryDirectory() as folder:
         profile.enable()
@@ -85,10 +85,10 @@ def lockstep_profile(effort: Effort) -> list[Section]:
     ]
 
 
-def _simulate(bench: build.Bench, out: Path, *, rerun: bool) -> float:
+def _simulate(bench: assembly.Bench, out: Path, *, rerun: bool) -> float:
     """Scenario seconds per wall second of a whole run."""
     started = time.perf_counter()
-    kpi = experiment.simulate(bench, experiment.Options(out=out, rerun=rerun))
+    kpi = lockstep_run.simulate(bench, run_options.RunOptions(out=out, rerun=rerun))
     wall_s = time.perf_counter() - started
     if kpi.status != "complete":
         raise RuntimeError(f"the run ended {kpi.status}: {kpi.reason}")

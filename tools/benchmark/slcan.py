@@ -23,8 +23,8 @@ from can.interfaces.slcan import slcanBus
 from rich.console import Console
 
 from firmware_sim.links import listen, open_pty
-from firmware_sim.slcan import Channel, SlcanPort
-from hil.edge.slcan import SlcanBus
+from firmware_sim.slcan_port import Channel, SlcanPort
+from hil.edge.can.slcan_bus import SlcanBus
 from tools.benchmark.tables import Section, as_rich, as_time
 
 FRAME = can.Message(arbitration_id=0x182, is_extended_id=False, data=bytes(range(7)))

@@ -8,8 +8,8 @@ from typing import Any
 
 import cantools
 
-from hil.cli import build
-from hil.wire.checks import FrameCheck, Rejection
+from hil.bench import assembly
+from hil.wire.frame_check import FrameCheck, Rejection
 from tools.benchmark import SCENARIO
 from tools.benchmark.capture import Capture
 from tools.benchmark.tables import Section, as_time
@@ -19,7 +19,7 @@ from tools.benchmark.timing import Effort, in_turns
 def codec(effort: Effort) -> list[Section]:
     """Encode, check and decode, per frame, beside cantools' own encode and decode (which know no CRC or counter)."""
     capture = Capture.of_a_run(60.0)
-    bench = build.load(SCENARIO)
+    bench = assembly.load(SCENARIO)
     specs = {spec.frame_id: spec for spec in bench.contract.frames.values()}
     database: Any = cantools.database.load_file(bench.dbc_path)
     command = bench.contract.frames["PumpCommand"]

@@ -20,7 +20,7 @@ def main() -> int:
         import atheris
     except ImportError:
         parser.error("needs atheris, which is there for Linux on x86-64")
-    with atheris.instrument_imports(include=["hil.edge.slcan_lines", "hil.wire", "firmware_sim.slcan"]):
+    with atheris.instrument_imports(include=["hil.edge.can.slcan_lines", "hil.wire", "firmware_sim.slcan_port"]):
         from tools.fuzz.targets import SEEDS, TARGETS
     corpus = options.corpus or Path(tempfile.mkdtemp(prefix="fuzz-"))
     corpus.mkdir(parents=True, exist_ok=True)

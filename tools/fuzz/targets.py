@@ -7,13 +7,13 @@ from functools import cache
 
 import can
 
-from firmware_sim.slcan import LINE_MAX, SlcanPort
+from firmware_sim.slcan_port import LINE_MAX, SlcanPort
 from hil.core.types import Command
-from hil.edge.settings import default_config_dir
-from hil.edge.slcan_lines import BELL, CR, LONGEST_LINE, LineReader, frame_line, parse_frame
-from hil.wire.checks import Rejection
-from hil.wire.commands import CommandSender
+from hil.edge.can.slcan_lines import BELL, CR, LONGEST_LINE, LineReader, frame_line, parse_frame
+from hil.edge.config.settings_file import default_config_dir
+from hil.wire.command_sender import CommandSender
 from hil.wire.contract import Contract, crc8
+from hil.wire.frame_check import Rejection
 from hil.wire.receiver import Receiver
 
 SENSOR_RANGE_V = (0.0, 10.24)

@@ -22,7 +22,7 @@ WIRE_TESTS = ("tests/wire/test_wire_checks.py",)
 TARGETS: dict[str, tuple[str, ...]] = {
     "hil.core.supervisor": SUPERVISOR_TESTS,
     "hil.core.interlocks": SUPERVISOR_TESTS,
-    "hil.wire.checks": WIRE_TESTS,
+    "hil.wire.frame_check": WIRE_TESTS,
 }
 """Module under test, and the tests that have to tell its mutants from it, the quickest first."""
 

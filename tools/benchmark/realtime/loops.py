@@ -23,16 +23,16 @@ import can
 import numpy as np
 
 from hil import runtime
-from hil.cli import build
-from hil.cli.record import TimelineSettings, open_record
+from hil.bench import assembly
+from hil.bench.open_record import TimelineSettings, open_record
 from hil.core.controller import ControllerConfig
 from hil.core.types import Event, Quad, TickRecord, Timing
-from hil.edge import realtime
-from hil.edge.bus import BusAddress, BusPort
-from hil.edge.clock import MonotonicClock
-from hil.edge.realtime import RealTime
-from hil.edge.recorder_process import ProcessRecorder
-from hil.edge.run_folder import RunFolder
+from hil.edge.can.bus import BusAddress, BusPort
+from hil.edge.host import realtime
+from hil.edge.host.clock import MonotonicClock
+from hil.edge.host.realtime import RealTime
+from hil.edge.record.recorder_process import ProcessRecorder
+from hil.edge.record.run_folder import RunFolder
 from hil.loop import ControlLoop, Outcome
 from tools.benchmark.realtime.node import VirtualLine, serve
 
@@ -158,8 +158,8 @@ def whole(
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         scenario = Path(folder) / "answer.toml"
         scenario.write_text(SCENARIO.format(seconds=seconds, period_s=period_s))
-        bench = build.load(scenario)
-        config = build.controller_config(bench)
+        bench = assembly.load(scenario)
+        config = assembly.controller_config(bench)
         recorder = stack.enter_context(_recorder(recording, Path(folder) / "run", bench, config))
         channel = stack.enter_context(_node(interface, period_s, priority + 1))
         port = BusPort(BusAddress(interface, channel, bench.rig.bus.bitrate).open(bench.contract.ids))
@@ -188,11 +188,11 @@ def whole(
 
 
 @contextmanager
-def _recorder(kind: str, folder: Path, bench: build.Bench, config: ControllerConfig) -> Iterator[Any]:
+def _recorder(kind: str, folder: Path, bench: assembly.Bench, config: ControllerConfig) -> Iterator[Any]:
     if kind == "off":
         yield None
         return
-    run = RunFolder.create(folder, build.run_plan(bench, is_live=True, seed=None))
+    run = RunFolder.create(folder, assembly.run_plan(bench, is_live=True, seed=None))
     timeline = TimelineSettings(bench.rig.sensors.gain_V_cm, config.duration_s, False)
     with ProcessRecorder() as recorder:
         recorder.open(run, partial(open_record, run, timeline))

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.edge.realtime import DEFAULT_PRIORITY
+from hil.edge.host.realtime import DEFAULT_PRIORITY
 from tools.benchmark.realtime import cyclictest
 from tools.benchmark.realtime.load import busy
 from tools.benchmark.tables import Section, as_time, as_verdict

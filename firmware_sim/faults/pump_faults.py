@@ -1,0 +1,86 @@
+"""Faults of the pumps, their valves and the reservoir. Target: pump 1 or 2."""
+
+from typing import Annotated, Literal
+
+from firmware_sim.faults.base import FaultTable, PumpNumber, Share, Volt
+from firmware_sim.faults.effects import Effects, Episode
+from firmware_sim.setting_types import one_of, within
+
+
+class PumpEffectiveness(FaultTable):
+    """A pump gives only a share of the flow that its voltage should give (1: healthy, 0: dead)."""
+
+    kind: Literal["pump_effectiveness"]
+    target: PumpNumber
+    value: Share
+
+    def apply(self, effects: Effects, episode: Episode) -> None:
+        """Set the share of the target pump."""
+        del episode
+        effects.effectiveness[self.target - 1] = self.value
+
+
+class PumpDead(FaultTable):
+    """A pump gives no flow."""
+
+    kind: Literal["pump_dead"]
+    target: PumpNumber
+
+    def apply(self, effects: Effects, episode: Episode) -> None:
+        """Set the share of the target pump to nothing."""
+        del episode
+        effects.effectiveness[self.target - 1] = 0.0
+
+
+class PumpStuckOn(FaultTable):
+    """A pump gets `value` V whatever its node puts out, and the node can't know: as with welded relay contacts."""
+
+    kind: Literal["pump_stuck_on"]
+    target: PumpNumber
+    value: Volt
+
+    def apply(self, effects: Effects, episode: Episode) -> None:
+        """Set the voltage of the target pump."""
+        del episode
+        effects.stuck_on_V[self.target - 1] = self.value
+
+
+class PumpLag(FaultTable):
+    """A pump follows its voltage with a first-order lag of `value` s."""
+
+    kind: Literal["pump_lag"]
+    target: PumpNumber
+    value: Annotated[float, within(0.0, 60.0)]
+
+    def apply(self, effects: Effects, episode: Episode) -> None:
+        """Set the lag of the target pump."""
+        del episode
+        effects.lag_s[self.target - 1] = self.value
+
+
+class ValveSplit(FaultTable):
+    """The valve behind a pump sends the share `value` of its flow to the lower tank (a new gamma)."""
+
+    kind: Literal["valve_split"]
+    target: PumpNumber
+    value: Share
+
+    def apply(self, effects: Effects, episode: Episode) -> None:
+        """Set gamma of the target pump."""
+        del episode
+        effects.valve_split[self.target - 1] = self.value
+
+
+class ReservoirLow(FaultTable):
+    """The reservoir is dry: both pumps move air."""
+
+    kind: Literal["reservoir_low"]
+    target: Annotated[int, one_of(0)] = 0
+
+    def apply(self, effects: Effects, episode: Episode) -> None:
+        """Take the water away."""
+        del episode
+        effects.is_dry = True
+
+
+PUMP_KINDS: tuple[type[FaultTable], ...] = (PumpEffectiveness, PumpDead, PumpStuckOn, PumpLag, ValveSplit, ReservoirLow)

@@ -1,0 +1,237 @@
+"""From files to objects: everything a run is made of, live or in lockstep."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hil.core.closed_loop import LoopConfig
+from hil.core.controller import ControllerConfig, Output
+from hil.core.design import CalibratedDesign, GainDesign, choose_rig_design
+from hil.core.diagnosis.detector import FaultDetector
+from hil.core.diagnosis.ideal import IdealDetector, NoDetector, PumpFault
+from hil.core.eigenstructure import DesignError
+from hil.core.estimator import LevelFilter
+from hil.core.interlocks import Limits
+from hil.core.reconfiguration import Reconfiguration
+from hil.core.tanks import equilibrium, linearise
+from hil.core.types import Action, Inputs, Mode, Pair, Quad, Request, TripCause
+from hil.edge.config.rig_file import Rig, load_rig
+from hil.edge.config.scenario_file import Fault, OperatorRequest, Scenario, load_scenario
+from hil.edge.config.settings_file import SettingsError, default_config_dir
+from hil.edge.record.run_folder import RunPlan, Window
+from hil.loop import ControlLoop, Port, Recorder
+from hil.wire.contract import Contract, ContractError
+
+Watcher = Callable[[Inputs, Output, Mode], None]
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A scenario with the rig and the contract it is to run on, all checked, and the files they came from."""
+
+    scenario: Scenario
+    rig: Rig
+    contract: Contract
+    scenario_path: Path
+    config_dir: Path
+
+    @property
+    def emulator_path(self) -> Path:
+        """The emulator's own file."""
+        return self.config_dir / "emulator.toml"
+
+    @property
+    def dbc_path(self) -> Path:
+        """The wire contract's file."""
+        return self.config_dir / "bench.dbc"
+
+
+def load(scenario_path: Path, config_dir: Path | None = None) -> Bench:
+    """Read and check everything; raises SettingsError with one line that names file and key."""
+    config = config_dir or default_config_dir()
+    scenario = load_scenario(scenario_path)
+    rig = load_rig(config / "rig.toml", scenario, scenario_path)
+    bench = Bench(scenario, rig, load_contract(config / "bench.dbc"), scenario_path, config)
+    try:
+        controller_config(bench)
+    except DesignError as error:
+        where = f"{scenario_path} [rig] over {config / 'rig.toml'}" if scenario.rig else config / "rig.toml"
+        raise SettingsError(f"{where}: control: {error}") from None
+    return bench
+
+
+def load_contract(path: Path) -> Contract:
+    """The DBC; raises SettingsError naming the file and what is wrong with it."""
+    try:
+        return Contract.from_dbc(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise SettingsError(f"{path}: can't be read: {error.strerror}") from None
+    except (ContractError, UnicodeDecodeError) as error:
+        raise SettingsError(f"{path}: {error}") from None
+
+
+def controller_config(bench: Bench, duration_s: float | None = None) -> ControllerConfig:
+    """The controller of this scenario on this rig. Raises SettingsError when no design meets the rig file."""
+    rig, scenario = bench.rig, bench.scenario
+    model = rig.tank_model
+    choice = scenario.control
+    loop = LoopConfig(
+        reconfiguration=Reconfiguration(
+            model, gain_design(rig, choice.design), rig.pumps.range_V[1], rig.control.operating_point_V
+        ),
+        detector=_detector(scenario, rig),
+        level_filter=LevelFilter(model, rig.pumps.lag_s, rig.control.level_filter_s),
+        references=reference_schedule(scenario, rig, str(bench.scenario_path)),
+        reconfigure=choice.reconfigure,
+        period_s=rig.control.period_s,
+        anti_windup_s=rig.control.anti_windup_s,
+    )
+    return ControllerConfig(
+        loop,
+        _limits(rig),
+        scenario.scenario.duration_s if duration_s is None else duration_s,
+        tuple((request.at_s, _request(request)) for request in scenario.request),
+    )
+
+
+def make_loop(
+    bench: Bench,
+    config: ControllerConfig,
+    port: Port,
+    recorder: Recorder,
+    *,
+    clear_trip: bool = False,
+    true_level_cm: Callable[[], Quad] | None = None,
+    on_tick: Watcher | None = None,
+    clock_ns: Callable[[], int] | None = None,
+) -> ControlLoop:
+    """The control loop of a bench on an open port, for any clock. Keyword arguments: see `ControlLoop`."""
+    return ControlLoop(
+        config,
+        bench.contract,
+        bench.rig.sensors.range_V,
+        port,
+        recorder,
+        arm_timeout_s=bench.rig.safety.arm_timeout_s,
+        clear_trip=clear_trip,
+        true_level_cm=true_level_cm,
+        on_tick=on_tick,
+        clock_ns=clock_ns,
+    )
+
+
+def gain_design(rig: Rig, name: str) -> GainDesign:
+    """The design of that name; raises DesignError when the rig's poles and noise bound can't be met."""
+    if name == "calibrated":
+        return CalibratedDesign()
+    model = rig.tank_model
+    at = linearise(model, equilibrium(model, rig.control.operating_point_V))
+    return choose_rig_design(at, rig.control.output_poles, rig.control.noise_gain_max)
+
+
+def reference_schedule(scenario: Scenario, rig: Rig, where: str) -> tuple[tuple[float, Pair], ...]:
+    """References as absolute output voltages, ascending in time, the first at 0: the operating point's levels.
+
+    Raises SettingsError when one lies below empty or above the level that trips.
+    """
+    k = rig.sensors.gain_V_cm
+    highest = k * rig.safety.level_max_cm
+    h1, h2, _, _ = equilibrium(rig.tank_model, rig.control.operating_point_V)
+    standing: Pair = (k * h1, k * h2)
+    schedule = [(0.0, standing)]
+    for index, reference in enumerate(scenario.reference):
+        if reference.change_V is not None:
+            standing = (standing[0] + reference.change_V[0], standing[1] + reference.change_V[1])
+        elif reference.levels_V is not None:
+            standing = reference.levels_V
+        elif reference.levels_cm is not None:
+            standing = (k * reference.levels_cm[0], k * reference.levels_cm[1])
+        if not all(0.0 <= level <= highest for level in standing):
+            raise SettingsError(
+                f"{where}: reference[{index}]: leads to {standing[0]:g}, {standing[1]:g} V, outside 0..{highest:g} V "
+                f"(safety.level_max_cm {rig.safety.level_max_cm:g})"
+            )
+        schedule.append((reference.at_s, standing))
+    return tuple(schedule)
+
+
+def run_plan(bench: Bench, *, is_live: bool, seed: int | None) -> RunPlan:
+    """What the run folder keeps of the configuration."""
+    files = [bench.config_dir / "rig.toml", bench.scenario_path, bench.dbc_path]
+    if not is_live:
+        files.append(bench.emulator_path)
+    settings: dict[str, Any] = {
+        "rig": bench.rig.model_dump(mode="json"),
+        "scenario": bench.scenario.model_dump(mode="json"),
+    }
+    return RunPlan(
+        scenario=bench.scenario.scenario.name,
+        mode="live" if is_live else "lockstep",
+        seed=seed,
+        period_s=bench.rig.control.period_s,
+        windows=tuple(Window(w.name, w.from_s, w.to_s) for w in bench.scenario.window),
+        reconfigure=bench.scenario.control.reconfigure,
+        settings=settings,
+        copies={_copy_name(bench, file): file.read_text(encoding="utf-8") for file in files},
+    )
+
+
+def _copy_name(bench: Bench, file: Path) -> str:
+    """A scenario may be called anything, rig.toml too; it gets a folder of its own."""
+    return f"scenarios/{file.name}" if file == bench.scenario_path else file.name
+
+
+def _limits(rig: Rig) -> Limits:
+    safety = rig.safety
+    return Limits(
+        range_V=rig.pumps.range_V,
+        rate_V_s=rig.pumps.rate_V_s,
+        stop_ramp_V_s=safety.stop_ramp_V_s,
+        model=rig.tank_model,
+        lag_s=rig.pumps.lag_s,
+        level_gain_V_cm=rig.sensors.gain_V_cm,
+        level_max_cm=safety.level_max_cm,
+        rim_margin_cm=safety.rim_margin_cm,
+        levels_age_max_s=safety.levels_age_max_s,
+        status_age_max_s=safety.status_age_max_s,
+        heartbeat_age_max_s=safety.heartbeat_age_max_s,
+        echo_age_max_s=safety.echo_age_max_s,
+        echo_tolerance_V=safety.echo_tolerance_V,
+        echo_mismatch_s=safety.echo_mismatch_s,
+        invalid_run_max=safety.invalid_run_max,
+        refused_run_max=safety.refused_run_max,
+        errors_per_s_max=safety.errors_per_s_max,
+        dead_below=safety.dead_below,
+        dry_run_V=safety.dry_run_V,
+        stops_on_dead_pump=safety.dead_pump == "stop",
+        stops_on_lost_lower_level=safety.lost_lower_level == "stop",
+        bypass_max_s=safety.bypass_max_s,
+    )
+
+
+def _request(request: OperatorRequest) -> Request:
+    interlock = None if request.interlock is None else TripCause(request.interlock)
+    return Request(Action(request.action), request.voltage_V, interlock, request.for_s or 0.0)
+
+
+def _detector(scenario: Scenario, rig: Rig) -> FaultDetector:
+    if scenario.diagnosis.method == "glr":
+        from hil.core.diagnosis.glr.glr_detector import (
+            GlrDetector,  # compiled code: a second that other methods need not wait for
+        )
+
+        return GlrDetector(rig.tank_model, rig.pumps.lag_s, rig.sensors.noise_V)
+    if scenario.diagnosis.method == "none":
+        return NoDetector()
+    known = tuple(known for fault in scenario.fault if (known := _pump_fault(fault)) is not None)
+    return IdealDetector(known, scenario.diagnosis.delay_s)
+
+
+def _pump_fault(fault: Fault) -> PumpFault | None:
+    if fault.effectiveness is None:
+        return None
+    until_s = float("inf") if fault.until_s is None else fault.until_s
+    return PumpFault(fault.at_s, int(fault.target), fault.effectiveness, until_s)

@@ -1,0 +1,121 @@
+"""One case of a campaign from its story to its row: what every worker does, whatever started it."""
+
+from __future__ import annotations
+
+import tempfile
+from contextlib import ExitStack
+from functools import lru_cache
+from pathlib import Path
+
+from firmware_sim import settings as emulator_settings
+from firmware_sim.faults import Fault
+from firmware_sim.ports import BusPort as EmulatorPort
+from firmware_sim.rig import Rig as Emulator
+from firmware_sim.settings import EmulatorSettings
+from hil import lockstep
+from hil.bench import scenario_bound
+from hil.bench.assembly import Bench, controller_config, load_contract, make_loop
+from hil.campaign import outcome
+from hil.campaign.cases import Case
+from hil.campaign.observer import Observer
+from hil.campaign.outcome import Rest
+from hil.campaign.row import Row, Took
+from hil.campaign.toml_text import toml_text
+from hil.edge.can.bus import BusPort
+from hil.edge.can.pair_bus import pair
+from hil.edge.config.rig_file import load_rig
+from hil.edge.config.scenario_file import Scenario
+from hil.edge.config.settings_file import SettingsError, validated
+from hil.edge.record.run_folder import Window
+from hil.wire.contract import Contract
+
+REST_NS = 500_000_000
+"""How long the emulator goes on alone after a run, so that what it comes to rest at can be seen."""
+
+
+def run_case(case: Case, config_dir: Path, bound_s: outcome.Bound | None = None) -> Row:
+    """Run a case in lockstep, without a record. What a run raises becomes its row: the others go on."""
+    started = Took.now()
+    try:
+        return _run(case, config_dir, bound_s, started)
+    except Exception as error:  # noqa: BLE001 - a case must not take the campaign down; its row says that it crashed
+        return outcome.crash(case, error, Took.since(started))
+
+
+def check(case: Case, config_dir: Path, where: str) -> None:
+    """Read and check all that the case would be built from; raises SettingsError (of either twin)."""
+    controller_config(_bench(case, config_dir, where))
+    _emulator_settings(case, config_dir, where)
+
+
+def _run(case: Case, config_dir: Path, bound_s: outcome.Bound | None, started: Took) -> Row:
+    bench = _bench(case, config_dir, case.key)
+    config = controller_config(bench)
+    truth, faults = _emulator_settings(case, config_dir, case.key)
+    rig = bench.rig
+    observer = Observer(rig.pumps.range_V)
+    emulator = Emulator(truth, faults, case.seed, _fingerprint(config_dir), observer.on_change)
+    observer.pump = emulator.pump
+    with ExitStack() as stack:
+        ours, theirs = (stack.enter_context(end) for end in pair())
+        port = BusPort(ours)
+        loop = make_loop(bench, config, port, observer, true_level_cm=lambda: emulator.levels_cm)
+        ending = lockstep.run(loop, port, EmulatorPort(emulator, theirs), config.loop.period_s)
+    emulator.advance(emulator.now_ns + REST_NS)
+    rest = Rest(emulator.truth().spilled_cm3, emulator.pump.applied_V)
+    return outcome.evaluate(
+        case,
+        _figures(bench),
+        observer.result(),
+        ending,
+        rest,
+        took=Took.since(started),
+        bound_s=bound_s or (lambda _: scenario_bound.information_bound(bench, truth.nodes.levels_period_s)),
+    )
+
+
+def _figures(bench: Bench) -> outcome.RigFigures:
+    rig = bench.rig
+    return outcome.RigFigures(
+        windows=tuple(Window(w.name, w.from_s, w.to_s) for w in bench.scenario.window),
+        period_s=rig.control.period_s,
+        rate_V_s=max(rig.pumps.rate_V_s, rig.safety.stop_ramp_V_s),
+        height_cm=rig.tanks.height_cm,
+        level_gain_V_cm=rig.sensors.gain_V_cm,
+    )
+
+
+def _bench(case: Case, config_dir: Path, where: str) -> Bench:
+    """As `build.load`, from the case's story instead of a file."""
+    scenario = validated(Scenario, case.story, where)
+    rig = load_rig(config_dir / "rig.toml", scenario, Path(where))
+    return Bench(scenario, rig, _contract(config_dir), Path(where), config_dir)
+
+
+def _emulator_settings(case: Case, config_dir: Path, where: str) -> tuple[EmulatorSettings, tuple[Fault, ...]]:
+    """The emulator reads files; it gets one."""
+    file = _scratch() / "case.toml"
+    file.write_text(toml_text(case.story), encoding="utf-8")
+    try:
+        return emulator_settings.load(config_dir / "emulator.toml", file)
+    except emulator_settings.SettingsError as error:
+        raise SettingsError(str(error).replace(str(file), where)) from None
+
+
+@lru_cache(maxsize=1)
+def _scratch_folder() -> tempfile.TemporaryDirectory[str]:
+    return tempfile.TemporaryDirectory(prefix="hil-campaign-")
+
+
+def _scratch() -> Path:
+    return Path(_scratch_folder().name)
+
+
+@lru_cache(maxsize=4)
+def _contract(config_dir: Path) -> Contract:
+    return load_contract(config_dir / "bench.dbc")
+
+
+@lru_cache(maxsize=4)
+def _fingerprint(config_dir: Path) -> int:
+    return emulator_settings.load_fingerprint(config_dir / "bench.dbc")

@@ -1,0 +1,69 @@
+"""Opens the record of a run. Small to import: for a live run this happens in the recorder's own process."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from dataclasses import dataclass
+from queue import SimpleQueue
+
+from hil.core.types import Event
+from hil.edge.record.recorder import Recorder
+from hil.edge.record.run_folder import RunFolder
+
+MAX_WAITING_LINES = 1000
+"""Lines."""
+
+
+@dataclass(frozen=True, slots=True)
+class TimelineSettings:
+    """What the recording for the Rerun viewer has to know of the bench."""
+
+    level_gain_V_cm: float
+    duration_s: float
+    with_truth: bool
+
+
+class EventLines:
+    """Events as lines on the terminal, by a thread of their own: one that takes nothing holds up nothing else."""
+
+    def __init__(self) -> None:
+        self._lines: SimpleQueue[str] = SimpleQueue()
+        threading.Thread(target=self._work, name="event lines", daemon=True).start()
+
+    def put(self, event: Event) -> None:
+        """One event; those that find a thousand waiting are not shown."""
+        if self._lines.qsize() < MAX_WAITING_LINES:
+            self._lines.put(f"{event.severity.value:5} {event.text}\n")
+
+    def _work(self) -> None:
+        while True:
+            sys.stdout.write(self._lines.get())
+            sys.stdout.flush()
+
+
+def open_record(folder: RunFolder, timeline: TimelineSettings | None, with_lines: bool = False) -> Recorder:
+    """The recorder into the folder's files. Raises RunFolderError.
+
+    timeline : None without run.rrd. with_lines : whether events are shown on the terminal, too.
+    """
+    on_event = EventLines().put if with_lines else None
+    if timeline is None:
+        return Recorder.open(folder, on_event=on_event)
+    from hil.edge.record.rerun_log import RerunLog, RunCard
+    from hil.review.blueprint import blueprint
+
+    manifest = folder.manifest()
+    facts = {"scenario": manifest.plan.scenario, "mode": manifest.plan.mode, "started": manifest.started_utc}
+    text = "\n".join(f"- **{name}**: {value}" for name, value in facts.items())
+    card = RunCard(folder.path.name, facts, f"# {manifest.plan.scenario}\n\n{text}\n")
+    log = RerunLog(
+        folder.rrd_path,
+        card,
+        level_gain_V_cm=timeline.level_gain_V_cm,
+        with_truth=timeline.with_truth,
+        blueprint=blueprint(timeline.duration_s),
+        batch_ticks=250 if timeline.with_truth else 6000,
+        compact_at_close=not timeline.with_truth,
+    )
+    return Recorder.open(folder, timeline=log, on_event=on_event)

@@ -1,0 +1,185 @@
+"""The report of a campaign, `report.html`: one file that needs nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from hil.campaign import delay_figures, statistics
+from hil.campaign.row import INVARIANTS, Row
+from hil.campaign.statistics import FaultClass
+from hil.campaign.store import Store
+from hil.campaign.summary import rate_text, spread_text
+from hil.edge.record.run_folder import write_atomically
+from hil.review import page
+from hil.review.run_figures import style
+
+MOST_DECLARED = 14
+MOST_ROWS = 200
+OTHER = "other"
+WORDS = {
+    "overflow": "No level above the rim, no water over it.",
+    "dry_run": "No pump without water for more than 2 s.",
+    "applied_out_of_range": "Applied voltages within range.",
+    "rate_broken": "Applied voltages change no faster than the rate allows.",
+    "latch_broken": "After a trip, 0 V and nothing else.",
+    "not_at_rest": "0 V after every end.",
+    "crashed": "No run raised.",
+}
+
+
+def write_report(store: Store, name: str, rows: Sequence[Row]) -> Path:
+    """Write the report into the campaign's folder and say where."""
+    write_atomically(store.report_path, render(name, rows))
+    return store.report_path
+
+
+def render(name: str, rows: Sequence[Row]) -> str:
+    """The page's HTML."""
+    classes = statistics.fault_classes(rows)
+    body = "".join(
+        (
+            _header(name, rows),
+            _cards(rows),
+            page.section("Safety", _invariants(rows)),
+            page.section("Classes of faults", _class_table(classes)),
+            page.section("What was there, and what was declared", _confusion(rows)),
+            page.section("Delays", _figures(classes, rows)),
+            page.section("False alarms", _false_alarms(rows)),
+            page.section("Trips", _trips(rows)),
+        )
+    )
+    return page.document(f"Campaign {name}", body)
+
+
+def _header(name: str, rows: Sequence[Row]) -> str:
+    state = "failed" if any(row.breaks for row in rows) else "complete"
+    seeds = sorted({row.seed for row in rows})
+    facts = [
+        ("runs", str(len(rows))),
+        ("scenarios", ", ".join(sorted({row.scenario for row in rows}))),
+        ("seeds", f"{seeds[0]} to {seeds[-1]}" if seeds else "none"),
+    ]
+    return f"<header><h1>{page.escape(name)}{page.badge(state)}</h1>{page.facts(facts)}</header>\n"
+
+
+def _cards(rows: Sequence[Row]) -> str:
+    rate = statistics.false_alarms(rows)
+    asked = [row for row in rows if row.detected is not None]
+    steps, cpu_s = sum(row.steps for row in rows), sum(row.cpu_s for row in rows)
+    return page.cards(
+        [
+            ("simulated", f"{sum(row.hours for row in rows):.4g} h"),
+            ("false alarms per hour without a fault", "–" if rate.per_h is None else f"{rate.per_h:.3g}"),
+            ("at most, with 97.5 % confidence", "–" if rate.high_h is None else f"{rate.high_h:.3g}"),
+            ("faults found", f"{_share(sum(bool(row.detected) for row in asked), len(asked))}"),
+            ("and named rightly", f"{_share(sum(bool(row.right) for row in asked), len(asked))}"),
+            ("runs that broke an invariant", str(sum(bool(row.breaks) for row in rows))),
+            ("runs that tripped", str(sum(bool(row.trip_cause) for row in rows))),
+            ("processor time a control step", "–" if not steps else f"{1e6 * cpu_s / steps:.0f} µs"),
+        ]
+    )
+
+
+def _invariants(rows: Sequence[Row]) -> str:
+    guilty = statistics.broken(rows)
+    lines = [
+        [WORDS[name], "holds" if not guilty[name] else f"broken in {len(guilty[name])} runs", _seeds(guilty[name])]
+        for name in INVARIANTS
+    ]
+    classes = ["ERROR" if guilty[name] else "" for name in INVARIANTS]
+    heads = ["invariant", f"in {len(rows)} runs", "seeds"]
+    worst = [[row.key, row.label, str(row.seed), row.broken] for row in rows if row.breaks][:MOST_ROWS]
+    details = page.table(["case", "fault", "seed", "what"], worst) if worst else ""
+    highest = max((row.level_max_cm for row in rows if row.level_max_cm is not None), default=None)
+    note = "" if highest is None else f'<p class="soft">Highest level of all: {highest:.2f} cm.</p>'
+    return page.table(heads, lines, classes=classes) + details + note
+
+
+def _seeds(rows: Sequence[Row]) -> str:
+    named = [f"{row.label}: {row.seed}" for row in rows[:8]]
+    return "; ".join(named) + (" ..." if len(rows) > len(named) else "")
+
+
+def _class_table(classes: Sequence[FaultClass]) -> str:
+    if not classes:
+        return ""
+    lines = [
+        [
+            one.label,
+            str(one.runs),
+            f"{one.detected:.1%}",
+            spread_text(one.detection),
+            "–" if one.bound_s is None else f"{one.bound_s:.3g}",
+            spread_text(one.isolation),
+            f"{one.candidates_hold:.1%}",
+            f"{one.right:.1%}",
+            str(one.flips),
+            f"{spread_text(one.size_error_1s, 2)}",
+            f"{spread_text(one.size_error_5s, 2)}",
+            " | ".join(spread_text(output) for output in one.iae_after_fault),
+        ]
+        for one in classes
+    ]
+    heads = [
+        "fault", "runs", "found", "found after [s]", "bound [s]", "told after [s]", "among candidates", "right",
+        "flips", "size error, 1 s", "5 s", "IAE after it, outputs 1 | 2 [V s]",
+    ]  # fmt: skip
+    note = (
+        '<p class="soft">Median / 95th percentile. Delays since the onset; size errors of a pump\'s effectiveness.</p>'
+    )
+    return page.table(heads, lines, numeric=frozenset(range(1, len(heads)))) + note
+
+
+def _confusion(rows: Sequence[Row]) -> str:
+    table = statistics.confusion(rows)
+    totals: dict[str, int] = {}
+    for counts in table.values():
+        for name, count in counts.items():
+            totals[name] = totals.get(name, 0) + count
+    named = sorted(totals, key=lambda name: (-totals[name], name))[:MOST_DECLARED]
+    rest = set(totals) - set(named)
+    heads = ["there", *named, *([OTHER] if rest else [])]
+    lines = [[label, *_counts(counts, named, rest)] for label, counts in table.items()]
+    return page.table(heads, lines, numeric=frozenset(range(1, len(heads)))) if lines else ""
+
+
+def _counts(counts: Mapping[str, int], named: Sequence[str], rest: set[str]) -> list[str]:
+    others = sum(counts.get(name, 0) for name in rest)
+    cells = [str(counts.get(name, 0) or "") for name in named]
+    return [*cells, str(others or "")] if rest else cells
+
+
+def _figures(classes: Sequence[FaultClass], rows: Sequence[Row]) -> str:
+    parts = []
+    with style():
+        for one in classes:
+            members = [row for row in rows if row.label == one.label]
+            parts.append(page.figure(delay_figures.delays(one.label, members, one.bound_s), one.label, ""))
+    return f'<div class="figures">{"".join(parts)}</div>\n' if parts else ""
+
+
+def _false_alarms(rows: Sequence[Row]) -> str:
+    spurious = sum(row.spurious_alarms for row in rows)
+    text = f"{rate_text(statistics.false_alarms(rows))}. Spurious ones after a fault: {spurious}."
+    lines = [
+        [row.key, row.scenario, row.label, str(row.seed), str(row.false_alarms), str(row.spurious_alarms), row.declared]
+        for row in rows
+        if row.false_alarms or row.spurious_alarms
+    ]
+    heads = ["case", "scenario", "fault", "seed", "false", "spurious", "declared after the onset"]
+    listed = page.table(heads, lines[:MOST_ROWS], numeric=frozenset((3, 4, 5))) if lines else ""
+    return f"<p>{page.escape(text)}</p>{listed}"
+
+
+def _trips(rows: Sequence[Row]) -> str:
+    lines = [
+        [row.key, row.label, str(row.seed), row.trip_cause, "–" if row.trip_s is None else f"{row.trip_s:.1f}"]
+        for row in rows
+        if row.trip_cause
+    ]
+    return page.table(["case", "fault", "seed", "cause", "at [s]"], lines[:MOST_ROWS]) if lines else ""
+
+
+def _share(count: int, of: int) -> str:
+    return "–" if of == 0 else f"{count / of:.1%}"

@@ -1,0 +1,127 @@
+"""`hil demo`: the paper's experiment over the virtual bus, and its fault once more with nobody to tell of it."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+from collections.abc import Mapping
+from concurrent.futures import Future, ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from hil.bench import assembly, lockstep_run, run_options
+from hil.bench.campaign_case import run_case
+from hil.campaign.cases import Case
+from hil.cli import demo_tables
+from hil.cli.demo_tables import Figures
+from hil.edge.config.scenario_file import Scenario
+from hil.edge.config.settings_file import default_config_dir, merged, read_toml, validated
+from hil.edge.record.run_folder import RunFolder, RunFolderError
+from hil.review.kpi import Kpi
+from hil.review.run_report import write_report
+
+KEPT: dict[str, Any] = {"diagnosis": {"method": "none"}, "control": {"reconfigure": False}}
+TOLD: dict[str, Any] = {"diagnosis": {"method": "ideal", "delay_s": 1.0}}
+FOUND: dict[str, Any] = {"diagnosis": {"method": "glr"}}
+SHORT: dict[str, Any] = {"scenario": {"duration_s": 350.0}}
+"""Up to the end of the window that the fault lies in."""
+
+RIGS = (1, 2, 3)
+"""Seeds. Each draws a rig of its own, and its noise."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run of the demonstration, for a worker process.
+
+    changes : laid over the scenario. record : the folder it leaves; without one nothing is recorded.
+    """
+
+    scenario_path: Path
+    config_dir: Path
+    changes: Mapping[str, Any]
+    seed: int = 1
+    record: Path | None = None
+
+    @property
+    def story(self) -> dict[str, Any]:
+        """The scenario as a dict, changes and all."""
+        return merged(read_toml(self.scenario_path), dict(self.changes))
+
+
+def run(console: Console, out: Path, config_dir: Path | None) -> None:
+    """All runs over the cores, then the tables and where to look. Raises SettingsError, RunFolderError."""
+    config = config_dir or default_config_dir()
+    folder = out / f"{datetime.now():%Y%m%d-%H%M%S}_demo"
+    jobs = _jobs(config, folder)
+    for path in {job.scenario_path for job in jobs.values()}:
+        assembly.load(path, config)  # bad input shows here, in one line, and not in a worker
+    try:
+        folder.mkdir(parents=True)
+    except OSError as error:
+        raise RunFolderError(f"cannot make {folder}: {error.strerror}") from None
+    figures = _run_all(console, jobs)
+    for line in demo_tables.both(figures, RIGS):
+        console.print(line, highlight=False)
+    found, kept = (RunFolder.open(folder / name) for name in ("found", "kept"))
+    report = write_report(found, kept)
+    console.print(f"Report:    {report}", soft_wrap=True, highlight=False)
+    console.print(f"Recording: {found.rrd_path}  (hil view {found.path})", soft_wrap=True, highlight=False)
+
+
+def _jobs(config: Path, folder: Path) -> dict[str, Job]:
+    """The runs by the names that the tables know them by, the long ones first."""
+    quick, rig, one = (config / f"scenarios/{name}.toml" for name in ("paper_quick", "paper_glr", "pump_loss"))
+    return {
+        "ideal kept": Job(quick, config, KEPT),
+        "ideal told": Job(quick, config, TOLD),
+        "both recorded": Job(rig, config, FOUND, record=folder / "found"),
+        "both kept": Job(rig, config, KEPT, record=folder / "kept"),
+        "both told": Job(rig, config, TOLD),
+        **{f"both found {seed}": Job(rig, config, FOUND | SHORT, seed) for seed in RIGS},
+        "one kept": Job(one, config, KEPT | SHORT),
+        "one told": Job(one, config, TOLD | SHORT),
+        **{f"one found {seed}": Job(one, config, FOUND | SHORT, seed) for seed in RIGS},
+    }
+
+
+def _work(job: Job) -> Figures:
+    return _unrecorded(job) if job.record is None else _recorded(job, job.record)
+
+
+def _recorded(job: Job, record: Path) -> Figures:
+    bench = assembly.load(job.scenario_path, job.config_dir)
+    bench = replace(bench, scenario=validated(Scenario, job.story, str(job.scenario_path)))
+    kpi: Kpi = lockstep_run.simulate(bench, run_options.RunOptions(record, job.seed))
+    return Figures(kpi.iae_Vs)
+
+
+def _unrecorded(job: Job) -> Figures:
+    name = job.scenario_path.stem
+    row = run_case(Case(name, name, name, job.seed, job.story), job.config_dir, lambda _: None)
+    if row.crashed:
+        raise RuntimeError(f"{name}, seed {job.seed}: {row.reason}")
+    windows = {name: (iae[0], iae[1]) for name, iae in json.loads(row.iae_windows_json).items()}
+    return Figures(windows, row.detection_s, row.isolation_s, row.size_error_1s)
+
+
+def _run_all(console: Console, jobs: dict[str, Job]) -> dict[str, Figures]:
+    """All runs, over as many processes as there are cores."""
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    context = multiprocessing.get_context("spawn")
+    workers = min(len(jobs), os.cpu_count() or 1)
+    with (
+        ProcessPoolExecutor(workers, mp_context=context) as pool,
+        Progress(*columns, console=console, transient=True) as bar,
+    ):
+        task = bar.add_task(f"the paper's experiment, {len(jobs)} runs", total=len(jobs))
+        futures: dict[str, Future[Figures]] = {name: pool.submit(_work, job) for name, job in jobs.items()}
+        for future in futures.values():
+            future.add_done_callback(lambda _: bar.advance(task))
+        return {name: future.result() for name, future in futures.items()}

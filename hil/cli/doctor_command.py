@@ -1,0 +1,125 @@
+"""`hil doctor`: opens the bus, has the bench examined, shows the table. Exit code 4 when a check failed."""
+
+from __future__ import annotations
+
+import resource
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+
+from hil.bench import assembly
+from hil.cli import result_table
+from hil.doctor.check_host import HostFacts, check_host
+from hil.doctor.check_link import LinkState, check_link
+from hil.doctor.examination import Expectations, examine
+from hil.edge.can.bus import BusAddress, BusError, BusPort
+from hil.edge.config.rig_file import Rig, load_rig
+from hil.edge.config.settings_file import default_config_dir
+from hil.edge.host import host_facts
+from hil.edge.host.clock import MonotonicClock, StopSignal
+from hil.probe.bus_probe import Probe
+from hil.probe.result import Result, failed, has_failed, passed
+from hil.wire.contract import Contract
+
+COMMANDS_S = 10
+LinkReader = Callable[[str], LinkState | None]
+
+
+def kernel_link(name: str) -> LinkState | None:
+    """What the kernel knows of an interface; None when there is none of that name."""
+    from hil.edge.can.socketcan import Link, LinkError  # only now: netlink is nothing to the other buses
+
+    try:
+        return Link.read(name)
+    except LinkError:
+        return None
+
+
+@dataclass(frozen=True)
+class DoctorOptions:
+    """What the command line says; None: as the rig file has it."""
+
+    interface: str | None = None
+    channel: str | None = None
+    bitrate: int | None = None
+    seconds: float = 5.0
+    with_pumps: bool = False
+    config_dir: Path | None = None
+    runs: Path = Path("runs")
+
+
+def run(console: Console, options: DoctorOptions, read_link: LinkReader = kernel_link) -> int:
+    """The examination; returns the exit code. Raises SettingsError, InterruptedByUserError."""
+    rig, contract, address = bench(options)
+    results = check_link(
+        read_link(address.channel) if address.interface == "socketcan" else None,
+        address.channel,
+        address.bitrate,
+        is_socketcan=address.interface == "socketcan",
+    )
+    console.print(f"Listening for {options.seconds:g} s, then some {COMMANDS_S} s of commands.", highlight=False)
+    results += examined(address, contract, expectations(rig), options)
+    results += check_host(read_host_facts(options.runs))
+    where = f"{address.interface} {address.channel}"
+    console.print(result_table.table(f"hil doctor: {where}", results))
+    console.print(result_table.tally(results), highlight=False)
+    return result_table.EXIT_FAILED if has_failed(results) else 0
+
+
+def bench(options: DoctorOptions) -> tuple[Rig, Contract, BusAddress]:
+    """Rig, contract and bus address; raises SettingsError."""
+    config_dir = options.config_dir or default_config_dir()
+    rig = load_rig(config_dir / "rig.toml")
+    contract = assembly.load_contract(config_dir / "bench.dbc")
+    bus = rig.bus
+    address = BusAddress(
+        options.interface or bus.interface, options.channel or bus.channel, options.bitrate or bus.bitrate
+    )
+    return rig, contract, address
+
+
+def examined(address: BusAddress, contract: Contract, wants: Expectations, options: DoctorOptions) -> list[Result]:
+    """The bus opened, the bench examined, the bus closed."""
+    try:
+        bus = address.open(contract.ids)
+    except BusError as error:
+        return [failed("bus opens", str(error), "is the adapter plugged in, its driver loaded, the link up?")]
+    with closing(BusPort(bus)) as port, StopSignal() as stop:
+        probe = Probe(contract, port, MonotonicClock(), lambda: stop.received.name if stop.received else "")
+        with probe:
+            results = examine(probe, wants, options.seconds, with_pumps=options.with_pumps)
+    return [passed("bus opens", f"{address.interface} {address.channel} at {address.bitrate} bit/s"), *results]
+
+
+def expectations(rig: Rig) -> Expectations:
+    """What the rig file leads to expect of the bench."""
+    return Expectations(
+        model=rig.tank_model,
+        lag_s=rig.pumps.lag_s,
+        pump_range_V=rig.pumps.range_V,
+        rate_V_s=rig.pumps.rate_V_s,
+        sensor_range_V=rig.sensors.range_V,
+        noise_V=rig.sensors.noise_V,
+        level_max_cm=rig.safety.level_max_cm,
+        errors_per_s_max=rig.safety.errors_per_s_max,
+        echo_age_max_s=rig.safety.echo_age_max_s,
+        echo_tolerance_V=rig.safety.echo_tolerance_V,
+    )
+
+
+def read_host_facts(runs: Path) -> HostFacts:
+    """Of the computer that this runs on."""
+    free, folder = host_facts.disk_free(runs)
+    return HostFacts(
+        clock_step_s=host_facts.clock_step_s(),
+        rtprio=host_facts.limit(resource.RLIMIT_RTPRIO),
+        memlock_bytes=host_facts.limit(resource.RLIMIT_MEMLOCK),
+        is_nice=host_facts.has_capability(host_facts.CAP_SYS_NICE),
+        may_lock=host_facts.has_capability(host_facts.CAP_IPC_LOCK),
+        governors=host_facts.governors(),
+        disk_free_bytes=free,
+        disk_folder=str(folder),
+    )

@@ -1,0 +1,31 @@
+"""The table of a check-up: what was checked, how it went, what was found and what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich.markup import escape
+from rich.table import Table
+
+from hil.probe.result import Result, Verdict
+
+EXIT_FAILED = 4
+STYLES = {Verdict.PASS: "green", Verdict.WARN: "yellow", Verdict.FAIL: "bold red", Verdict.NOT_CHECKED: "dim"}
+
+
+def table(title: str, results: Sequence[Result]) -> Table:
+    """One row a result."""
+    drawn = Table(title=title, title_justify="left", expand=False)
+    for heading in ("check", "", "found, and what to do"):
+        drawn.add_column(heading, overflow="fold")
+    for result in results:
+        mark = f"[{STYLES[result.verdict]}]{result.verdict.value}[/]"
+        advice = f"\n[bold]→[/] {escape(result.advice)}" if result.advice else ""
+        drawn.add_row(escape(result.check), mark, escape(result.found) + advice)
+    return drawn
+
+
+def tally(results: Sequence[Result]) -> str:
+    """How many went how."""
+    counts = {verdict: sum(result.verdict is verdict for result in results) for verdict in Verdict}
+    return ", ".join(f"{count} {verdict.value}" for verdict, count in counts.items() if count)

@@ -1,0 +1,1 @@
+"""Fault detection and isolation: the detector protocol, an ideal detector, and likelihood ratios (`glr`)."""

@@ -1,0 +1,212 @@
+"""What a jump of a state is called and how large it is, in the words and units of a scenario."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import nan, sqrt
+
+from hil.core.diagnosis.glr import inflow_check
+from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, PUMPS, SPLITS
+from hil.core.diagnosis.glr.memory import Declared, Lost, Memory, Probation, Setup, Suspicion
+from hil.core.diagnosis.glr.process import BIAS, DRIFT, GAIN, LAG, LEAK, OUTLET, PUMP, SPLIT, Array
+from hil.core.types import UNRESOLVED, Alarm, Pair
+
+STUCK_MOVED = 0.15
+"""A pump is called stuck only when its voltage has moved by this share and its flow has not."""
+
+IDLE_V = 0.5
+"""A pump that gets less shows nothing of itself."""
+
+PROVEN_S, PROVEN_SHARE = 1.0, 0.1
+"""A pump that has been driven for so long without an alarm works; one with less of its gain left does not."""
+
+BLIND_S = 3.0
+"""How long an alarm may stand unresolved while a lower tank has no sensor."""
+
+RECOVERED_STDS = 3.0
+RECOVERED_PUMP = 0.03
+"""A pump is back when its effectiveness is this close to 1."""
+
+
+def declare(setup: Setup, m: Memory, j: int, before: Array, onset: int, suspicion: Suspicion) -> Alarm:
+    """Note that state j of JUMPS has jumped, from what it was before to what the filter now says; the alarm."""
+    jump = JUMPS[j]
+    now, std = float(m.x[jump.state]), sqrt(max(m.P[jump.state, jump.state], 0.0))
+    known = m.declared.get(j)
+    sound = known.sound if known else float(before[jump.state])
+    total = now - sound
+    kind = known.kind if known else (jump.rises if total > 0.0 else jump.falls)
+    least = RECOVERED_PUMP if jump.state < SPLIT else jump.fall[0]
+    is_recovery = known is not None and abs(total) < max(RECOVERED_STDS * std, least)
+    shown, unit = _shown(setup, m, j, sound)
+    onset_s = m.time_of(onset)
+    number, detected_s = _number(setup, m, known, suspicion, is_recovery=is_recovery)
+    if is_recovery:
+        del m.declared[j]
+        if jump.state >= LEAK:
+            m.forget(jump.state)
+    else:
+        m.declared[j] = Declared(kind, total, sound, number, detected_s, m.t_s)
+    if kind == "sensor_drift" and not is_recovery:
+        _give_up(m, jump.target - 1, kind, number)
+    if j in PUMPS:
+        is_loss = not is_recovery and kind == "pump_effectiveness"
+        m.probation = _probation(setup, m, j, number, detected_s, onset_s) if is_loss else None
+    return Alarm(
+        suspicion.detected_s if is_recovery else detected_s,
+        kind,
+        jump.target,
+        shown,
+        std * unit,
+        onset_s,
+        m.t_s,
+        (f"{kind} {jump.target}",),
+        number,
+        is_recovery,
+    )
+
+
+def _number(
+    setup: Setup, m: Memory, known: Declared | None, suspicion: Suspicion, *, is_recovery: bool
+) -> tuple[int, float]:
+    """Number and time of the alarm: those of the fault that is over, or is only told better, or else new ones."""
+    if known is not None and (is_recovery or m.t_s - known.declared_s < setup.tuning.sharpen_s):
+        return known.number, known.detected_s
+    number, taken = suspicion.number, {fault.number for fault in m.declared.values()}
+    if number is None or number in taken:
+        m.alarms += 1
+        number = m.alarms
+    return number, suspicion.detected_s
+
+
+def unresolved(m: Memory, suspicion: Suspicion, numbers: list[int]) -> Alarm:
+    """The alarm while several hypotheses remain, the likeliest first."""
+    names: dict[str, None] = {}
+    for number in numbers:
+        for j in PUMPS if number == BOTH else (number,):
+            state = JUMPS[j].state
+            size = m.replays.x[number, state] - m.replays.before[number, state]
+            if m.slot[number] >= 0 and m.ratio[number] > 0.0:
+                size = m.bank.match[j, m.slot[number]]
+            kind = JUMPS[j].rises if size > 0.0 else JUMPS[j].falls
+            if kind:
+                names[f"{kind} {JUMPS[j].target}"] = None
+    onset_s = m.time_of(int(m.replays.onset[numbers[0]])) if numbers else nan
+    return Alarm(
+        suspicion.detected_s, UNRESOLVED, 0, nan, onset_s=onset_s, candidates=tuple(names), number=suspicion.number or 0
+    )
+
+
+def effectiveness(m: Memory) -> Pair:
+    """(2,) what is left of each pump's gain; just 1 unless a loss was declared."""
+    left = [1.0, 1.0]
+    for pump in PUMPS:
+        fault = m.declared.get(pump)
+        if fault is not None and fault.kind == "pump_effectiveness":
+            left[pump] = min(max(float(m.x[GAIN + pump]) / fault.sound, 0.0), 1.0)
+    return left[0], left[1]
+
+
+def watch_probation(setup: Setup, m: Memory, log_likelihood: float, stuck_likelihood: float) -> list[Alarm]:
+    """Whether the pump that seemed to have lost gain is stuck instead: its flow does not follow its voltage."""
+    p = m.probation
+    if p is None:
+        return []
+    p.evidence += stuck_likelihood - log_likelihood
+    if m.t_s > p.until_s:
+        m.probation = None
+    moved = abs(float(m.entry[p.pump]) - p.voltage_V) / p.voltage_V
+    if p.evidence < setup.tuning.detect or moved < STUCK_MOVED:
+        return []
+    m.probation = None
+    fault = m.declared[p.pump]
+    m.declared[p.pump] = replace(fault, kind="pump_stuck_on")
+    flow_V = float(p.x[GAIN + p.pump] * p.x[PUMP + p.pump]) / fault.sound
+    name = f"pump_stuck_on {p.pump + 1}"
+    return [Alarm(p.detected_s, "pump_stuck_on", p.pump + 1, flow_V, nan, p.onset_s, m.t_s, (name,), p.number)]
+
+
+def watch_unproven(m: Memory) -> None:
+    """Whether the pump that stood still when the other one failed has been seen to work since."""
+    if m.unproven is None:
+        return
+    pump, driven_s = m.unproven
+    if m.entry[pump] >= IDLE_V and m.suspicion is None:
+        driven_s += float(m.entry[10])
+    m.unproven = None if driven_s >= PROVEN_S or PUMPS[1 - pump] not in m.declared else (pump, driven_s)
+
+
+def unproven(setup: Setup, m: Memory) -> tuple[bool, bool]:
+    """(2,) pumps that may give no water.
+
+    One that stood still, one that is dead if the likeliest suspicion is true, one whose upper tank gets nothing of it.
+    """
+    doubts = [m.unproven is not None and m.unproven[0] == pump for pump in PUMPS]
+    if m.suspicion is not None and m.suspicion.leader is not None:
+        for pump in PUMPS:
+            left = float(m.replays.x[m.suspicion.leader, GAIN + pump])
+            doubts[pump] |= pump in m.declared and left < PROVEN_SHARE * m.declared[pump].sound
+    for pump in PUMPS:
+        doubts[pump] |= PUMPS[1 - pump] in m.declared and inflow_check.is_missing(setup, m, pump)
+    return doubts[0], doubts[1]
+
+
+def is_blind(m: Memory) -> bool:
+    """Whether a lower tank fills in a way that neither a sensor nor the model can vouch for.
+
+    What its own pump and valve give it shows in the sensor of that tank alone: the upper tank gets the rest, and a
+    weaker pump or a valve that has moved look the same from there.
+    """
+    for sensor, lost in m.lost.items():
+        if sensor in PUMPS:
+            if m.suspicion is not None and m.t_s - m.suspicion.detected_s > BLIND_S:
+                return True
+            if any(m.declared[j].declared_s > lost.since_s for j in (sensor, SPLITS[sensor]) if j in m.declared):
+                return True
+    return False
+
+
+def _shown(setup: Setup, m: Memory, j: int, sound: float) -> tuple[float, float]:
+    """The size as a scenario would give it, and its unit in units of the state."""
+    jump = JUMPS[j]
+    now, c = float(m.x[jump.state]), setup.c
+    if jump.state < SPLIT:
+        stuck = m.declared[j].kind == "pump_stuck_on" if j in m.declared else now > sound
+        unit = (float(m.x[PUMP + jump.target - 1]) if stuck else 1.0) / sound
+        return now * unit, unit
+    if jump.state < OUTLET:
+        unit = float(c[10 + jump.target - 1] if jump.state < LAG else c[12])
+        return now * unit, unit
+    if jump.state < LEAK:
+        return abs(now - sound) / sound, 1.0 / sound
+    if jump.state < BIAS:
+        unit = 1.0 / _clean_outlet(m, jump.target)
+        return (now - sound) * unit, unit
+    return now, 1.0
+
+
+def _clean_outlet(m: Memory, tank: int) -> float:
+    """A tank's outlet over the rig file's, before it was blocked if it is."""
+    state = OUTLET + tank - 1
+    blocked = (fault.sound for j, fault in m.declared.items() if JUMPS[j].state == state)
+    return next(blocked, float(m.x[state]))
+
+
+def _give_up(m: Memory, sensor: int, kind: str, number: int) -> None:
+    """A sensor that drifts has nothing more to say."""
+    m.usable[sensor] = False
+    m.lost[sensor] = Lost(kind, number, m.t_s)
+    m.agrees[sensor] = 0
+    m.forget(BIAS + sensor)
+    m.forget(DRIFT + sensor)
+    for j in [j for j in m.declared if JUMPS[j].state in (BIAS + sensor, DRIFT + sensor)]:
+        del m.declared[j]
+
+
+def _probation(setup: Setup, m: Memory, pump: int, number: int, detected_s: float, onset_s: float) -> Probation:
+    x = m.x.copy()
+    voltage_V = max(float(m.entry[pump]), 0.1)
+    x[GAIN + pump] *= float(x[PUMP + pump]) / voltage_V
+    x[PUMP + pump] = voltage_V
+    until_s = m.t_s + setup.tuning.probation_s
+    return Probation(pump, number, detected_s, onset_s, until_s, voltage_V, x, m.P.copy())

@@ -1,0 +1,71 @@
+"""Second thoughts: whether it was the sensor that drifted, or the level.
+
+A drift and a leak or blockage, most of all of the same tank, bend the same reading, and differ in what the level then
+does. A drift called too soon is the dangerous mistake: the sensor that shows the tank filling is no longer listened to.
+So both filters go on with its readings, and the verdict is turned round when the other one explains them better.
+"""
+
+from __future__ import annotations
+
+from hil.core.diagnosis.glr import declaration
+from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS
+from hil.core.diagnosis.glr.memory import Memory, Rival, Setup, Suspicion
+from hil.core.diagnosis.glr.process import BIAS, DRIFT, OUTLET
+from hil.core.types import Alarm, Measurement
+
+
+def rival_of(setup: Setup, m: Memory, winner: int, order: list[int], suspicion: Suspicion) -> Rival | None:
+    """The likeliest leak or blockage beside a drift that has just been declared, if any comes near."""
+    r, tuning = m.replays, setup.tuning
+    if winner == BOTH or JUMPS[winner].state < DRIFT:
+        return None
+    near = r.evidence >= r.evidence[winner] - tuning.drop_margin
+    for number in order:
+        if number != BOTH and OUTLET <= JUMPS[number].state < BIAS and near[number] and not r.dropped[number]:
+            return Rival(
+                number,
+                suspicion,
+                JUMPS[winner].state - DRIFT,
+                int(r.onset[number]),
+                r.before[number].copy(),
+                r.x[number].copy(),
+                r.P[number].copy(),
+                r.x[winner].copy(),
+                r.P[winner].copy(),
+                float(r.evidence[winner] - r.evidence[number]),
+                m.t_s + tuning.rival_s,
+            )
+    return None
+
+
+def step(setup: Setup, m: Memory, measurement: Measurement) -> list[Alarm]:
+    """One step of both filters; the alarm that turns the verdict round."""
+    rival = m.rival
+    if rival is None:
+        return []
+    lost = m.lost.get(rival.sensor)
+    if lost is None or lost.kind != "sensor_drift" or m.suspicion is not None or m.t_s > rival.until_s:
+        m.rival = None
+        return []
+    i = rival.sensor
+    entry = m.entry.copy()
+    is_heard = measurement.readings > 0 and measurement.valid[i] and measurement.level_V[i] > setup.empty_V
+    if is_heard and not m.channels[i].is_stuck(measurement, i):
+        entry[2 + i] = measurement.level_V[i]
+    rival.lead += setup.filtered(rival.own_x, rival.own_P, entry) - setup.filtered(rival.x, rival.P, entry)
+    if rival.lead > setup.tuning.drop_margin:
+        m.rival = None
+    if rival.lead > -setup.tuning.detect:
+        return []
+    return _turn(setup, m, rival)
+
+
+def _turn(setup: Setup, m: Memory, rival: Rival) -> list[Alarm]:
+    """The rival's filter becomes the filter, and the sensor is used again; under the number of the drift's alarm."""
+    m.rival = None
+    del m.lost[rival.sensor]
+    m.usable[rival.sensor] = True
+    m.x[:], m.P[:] = rival.x, rival.P
+    alarm = declaration.declare(setup, m, rival.number, rival.before, rival.onset, rival.suspicion)
+    m.restart_bank()
+    return [alarm]

@@ -1,0 +1,52 @@
+"""What can go wrong, in the detector's eyes: each hypothesis is a jump of one state of the filter.
+
+A row of `JUMPS` is one state that may jump. What a jump is called depends on its sign, and on what has already been
+declared of that state: a pump that has lost gain may gain some again, one that hasn't can't.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hil.core.diagnosis.glr.process import BIAS, DRIFT, GAIN, LAG, LEAK, OUTLET, SPLIT
+
+
+@dataclass(frozen=True, slots=True)
+class Jump:
+    """One state that may jump.
+
+    state : its index. target : pump, tank or sensor, from 1. rises, falls : kind of fault that a jump up or down means,
+    "" where the process can't do that. prior : standard deviation of a jump before anything is known of it.
+    rise, fall : the smallest and the largest jump up and down that is believed.
+    """
+
+    state: int
+    target: int
+    rises: str
+    falls: str
+    prior: float
+    rise: tuple[float, float]
+    fall: tuple[float, float]
+
+
+BIAS_PRIOR_V, BIASES_V = 0.5, (0.005, 11.0)
+
+JUMPS: tuple[Jump, ...] = (
+    *(Jump(GAIN + j, j + 1, "pump_stuck_on", "pump_effectiveness", 0.5, (0.05, 20.0), (0.01, 1.5)) for j in range(2)),
+    *(Jump(SPLIT + j, j + 1, "valve_split", "valve_split", 0.2, (0.01, 1.0), (0.01, 1.0)) for j in range(2)),
+    *(Jump(LAG + j, j + 1, "pump_lag", "", 4.0, (0.5, 50.0), (0.5, 1.0)) for j in range(2)),
+    *(Jump(OUTLET + i, i + 1, "leak", "outlet_block", 0.4, (0.01, 5.0), (0.01, 1.2)) for i in range(2)),
+    *(Jump(OUTLET + i, i + 1, "", "outlet_block", 0.4, (0.01, 1.0), (0.01, 1.2)) for i in range(2, 4)),
+    *(Jump(LEAK + i, i + 3, "leak", "", 0.4, (0.01, 5.0), (0.01, 1.0)) for i in range(2)),
+    *(
+        Jump(BIAS + i, i + 1, "sensor_bias", "sensor_bias", BIAS_PRIOR_V, (0.005, 11.0), (0.005, 11.0))
+        for i in range(4)
+    ),
+    *(Jump(DRIFT + i, i + 1, "sensor_drift", "sensor_drift", 0.05, (0.001, 5.0), (0.001, 5.0)) for i in range(4)),
+)
+H = len(JUMPS)
+PUMPS, SPLITS = (0, 1), (2, 3)
+"""Where the two pumps, and the valves behind them, stand in JUMPS."""
+
+BOTH = H
+"""Number of the hypothesis that both pumps jumped at once."""

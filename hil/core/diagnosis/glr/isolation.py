@@ -1,0 +1,254 @@
+"""From an alarm to a verdict: replay every hypothesis from its onset until one of them leads."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numpy as np
+
+from hil.core.diagnosis.glr import declaration, drift_review, process, replay, rollback
+from hil.core.diagnosis.glr.bank import SLOTS
+from hil.core.diagnosis.glr.declaration import IDLE_V
+from hil.core.diagnosis.glr.hypotheses import BIAS_PRIOR_V, BOTH, JUMPS, PUMPS, H
+from hil.core.diagnosis.glr.memory import Checkpoint, Memory, Setup, Suspicion
+from hil.core.diagnosis.glr.process import BIAS, DRIFT, GAIN, Array
+from hil.core.diagnosis.glr.replay import Replays
+from hil.core.types import Alarm
+
+ONSETS_AROUND = (-8, -4, -2, -1, 0, 1, 2, 4, 8)
+RIVALS = 2
+"""Onsets, in steps about the likeliest, and how many rivals of the leader get the same, before anything is settled."""
+
+CHECKPOINT_STEPS = 10
+"""So long before the onset of what is declared is the filter that one can go back to."""
+
+BACK_MOST = 100
+"""Steps; to live through more of them again takes longer than a step may."""
+
+NO_EVIDENCE = -1e300
+"""Of what can't be; still a number, so that differences are."""
+
+LEAST_GAIN, SURE_STDS = -0.1, 3.0
+"""No pump runs backwards; what is estimated of one that stands still may err a little, and at first by much."""
+
+FAR_BEHIND = 0.25
+"""A hypothesis with less than this share of the leader's ratio has no onset worth its own replay."""
+
+
+def jumps_of(number: int) -> tuple[int, ...]:
+    """The places in JUMPS that a hypothesis is about."""
+    return PUMPS if number == BOTH else (number,)
+
+
+def suspect(m: Memory) -> None:
+    """Raise an alarm: put one filter a hypothesis at the onset that the bank finds likeliest for it.
+
+    Hypotheses that lag far behind begin at the leader's onset: theirs may be long ago, and long replays cost time.
+    If the leader may be a fault that is known already there is nothing to be said before the verdict.
+    """
+    leader = int(np.argmax(m.ratio))
+    number = None
+    if not any(j in m.declared for j in jumps_of(leader)):
+        m.alarms += 1
+        number = m.alarms
+    m.suspicion = Suspicion(number, m.t_s)
+    for number in range(H + 1):
+        own = m.slot[number] >= 0 and m.ratio[number] >= FAR_BEHIND * m.statistic
+        slot = int(m.slot[number if own else leader])
+        _begin(m, m.replays, number, number, slot)
+
+
+def isolate(setup: Setup, m: Memory, suspicion: Suspicion) -> list[Alarm]:
+    """One step towards a verdict; the alarms that it has come to."""
+    tuning, r = setup.tuning, m.replays
+    if _catch_up(setup, m, r, H + 1, tuning.replay_budget):
+        return _candidates(m, suspicion, _likely_by_bank(setup, m))
+    evidence, order = _evidence(m)
+    suspicion.leader = order[0]
+    state = JUMPS[order[0]].state if order[0] != BOTH else GAIN
+    is_bias, is_drift = BIAS <= state < DRIFT, state >= DRIFT
+    is_seen = m.now - int(r.onset[order[0]]) >= (tuning.least_drift_steps if is_drift else tuning.least_steps)
+    winner = None
+    if m.is_doubtful:
+        pass  # some readings more, and a sensor may be found stuck: then it is none of these
+    elif is_seen or (is_bias and evidence[order[0]] - evidence[order[1]] >= tuning.jump_margin):
+        winner = _leader(setup, m, evidence, order)
+    if winner is not None:
+        rivals = [n for n in order if n != winner and evidence[n] >= evidence[winner] - tuning.drop_margin]
+        for number in (winner, *rivals[:RIVALS]):
+            _sharpen(setup, m, number)
+        evidence, order = _evidence(m)
+        winner = _leader(setup, m, evidence, order)
+    is_late = m.t_s - suspicion.detected_s >= tuning.resolve_within_s
+    if winner is None and (is_late or (_is_overtaken(setup, m, order[0]) and not m.is_doubtful)):
+        winner = order[0]
+    if winner is not None:
+        return _settle(setup, m, suspicion, winner, order)
+    _drop(setup, m, evidence)
+    likely = [number for number in order if evidence[number] >= evidence[order[0]] - tuning.margin]
+    return _candidates(m, suspicion, likely + _likely_by_bank(setup, m))
+
+
+def _candidates(m: Memory, suspicion: Suspicion, likely: list[int]) -> list[Alarm]:
+    """The unresolved alarm, once."""
+    is_news = suspicion.number is not None and suspicion.detected_s == m.t_s
+    return [declaration.unresolved(m, suspicion, likely)] if is_news else []
+
+
+def _drop(setup: Setup, m: Memory, evidence: Array) -> None:
+    """Give up hypotheses that have fallen far behind; the pair of pumps is needed to judge a single one.
+
+    One whose size is impossible so far is given its chance while it explains the readings.
+    """
+    r = m.replays
+    behind = r.evidence < evidence.max() - setup.tuning.drop_margin
+    r.dropped[behind & (m.now - r.onset > setup.tuning.least_steps)] = 1
+    r.dropped[BOTH] = 0
+
+
+def _begin(m: Memory, replays: Replays, row: int, number: int, slot: int) -> None:
+    """Begin a replay of hypothesis `number`, its onset that of a slot of the bank."""
+    reach = np.zeros(4)
+    for j in jumps_of(number):
+        energy = m.bank.energy[j, slot]
+        size = min(max(m.bank.match[j, slot] / energy, -1.0), 1.0) if energy > 0.0 else 0.0
+        reach += size * m.A[:4, JUMPS[j].state]
+    replays.begin(row, number, m.history, slot, int(m.bank.onset[slot]), reach)
+
+
+def _catch_up(setup: Setup, m: Memory, r: Replays, rows: int, budget: int) -> int:
+    return process.catch_up(
+        setup.c, setup.walk, m.history.entries, m.history.none, r.x, r.P, r.evidence, r.seen, r.onset, m.now,
+        budget, r.bias, r.dropped, r.misfit, r.fit, r.x_fit, r.P_fit, rows, BIAS_PRIOR_V**2,
+    )  # fmt: skip
+
+
+def _likely_by_bank(setup: Setup, m: Memory) -> list[int]:
+    return [j for j in range(H + 1) if m.ratio[j] > 0.0 and m.ratio[j] >= m.statistic - setup.tuning.margin]
+
+
+def _is_possible(m: Memory, number: int) -> bool:
+    """Whether the sizes found are large enough and of a sign that the fault can have; pumps go together."""
+    rise, fall = m.least_jumps()
+    r = m.replays
+    sizes = [(j, r.x[number, JUMPS[j].state] - r.before[number, JUMPS[j].state]) for j in jumps_of(number)]
+    if any(_runs_backwards(r, number, GAIN + pump) for pump in PUMPS):
+        return False
+    for j, size in sizes:
+        least, most = (rise[j], JUMPS[j].rise[1]) if size > 0.0 else (fall[j], JUMPS[j].fall[1])
+        if not least <= abs(size) <= most:
+            return False
+    return len({size > 0.0 for _, size in sizes}) == 1
+
+
+def _runs_backwards(r: Replays, number: int, state: int) -> bool:
+    std = sqrt(max(r.P[number, state, state], 0.0))
+    return bool(r.x[number, state] + SURE_STDS * std < LEAST_GAIN)
+
+
+def _leader(setup: Setup, m: Memory, evidence: Array, order: list[int]) -> int | None:
+    """The hypothesis that leads by enough, or None."""
+    tuning = setup.tuning
+    first, second = [number for number in order if number != BOTH][:2]
+    if first not in PUMPS:
+        if evidence[BOTH] - evidence[first] >= tuning.margin:
+            return BOTH
+        return first if evidence[first] - max(evidence[second], evidence[BOTH]) >= tuning.margin else None
+    if evidence[BOTH] - evidence[first] >= tuning.both_lead:
+        return BOTH if evidence[BOTH] - evidence[first] >= tuning.margin else None
+    other = PUMPS[1 - first]
+    is_alone = _is_known(setup, m, other) or float(m.entry[other]) < IDLE_V
+    return first if is_alone and evidence[first] - evidence[second] >= tuning.margin else None
+
+
+def _is_overtaken(setup: Setup, m: Memory, number: int) -> bool:
+    """Whether a hypothesis explained what was seen, until something else happened."""
+    return _has_explained(setup, m, number) and float(m.replays.misfit[number]) > setup.tuning.overtaken
+
+
+def _has_explained(setup: Setup, m: Memory, number: int) -> bool:
+    fit = int(m.replays.fit[number])
+    return fit - m.replays.onset[number] >= setup.tuning.least_fit_steps and m.now - fit <= BACK_MOST
+
+
+def _is_known(setup: Setup, m: Memory, pump: int) -> bool:
+    """Whether a loss of this pump, beside the other's, would be known."""
+    state = JUMPS[pump].state
+    return sqrt(max(m.replays.P[BOTH, state, state], 0.0)) < setup.tuning.second_pump_std
+
+
+def _settle(setup: Setup, m: Memory, suspicion: Suspicion, winner: int, order: list[int]) -> list[Alarm]:
+    """The winner's filter becomes the filter.
+
+    Once it has explained enough it does so as it stood some steps ago, and lives through them again with the bank: a
+    fault that has begun meanwhile is met from its onset on.
+    """
+    r = m.replays
+    m.suspicion = None
+    before, onset = r.before[winner].copy(), int(r.onset[winner])
+    m.checkpoint = _checkpoint(m, onset)
+    has_explained = _has_explained(setup, m, winner)
+    x, P = (r.x_fit, r.P_fit) if has_explained else (r.x, r.P)
+    m.x[:], m.P[:] = x[winner], P[winner]
+    _loosen(setup, m, winner, before)
+    if winner in PUMPS and not _is_known(setup, m, 1 - winner):
+        m.unproven = (1 - winner, 0.0)
+    alarms = [declaration.declare(setup, m, j, before, onset, suspicion) for j in jumps_of(winner)]
+    m.restart_bank()
+    if has_explained:
+        _relive(setup, m, int(r.fit[winner]))
+    m.rival = drift_review.rival_of(setup, m, winner, order, Suspicion(alarms[0].number, alarms[0].detected_s))
+    m.verdicts_s = (*m.verdicts_s, m.t_s)[-setup.tuning.verdicts_max :]
+    return alarms
+
+
+def _relive(setup: Setup, m: Memory, start: int) -> None:
+    """From a step on once more, without the sensors that have been given up."""
+    for sensor in m.lost:
+        rollback.revalue(m, start, sensor, None)
+    rollback.relive(setup, m, start, m.now)
+
+
+def _checkpoint(m: Memory, onset: int) -> Checkpoint:
+    """The filter as it was before a fault began, with some steps in hand."""
+    b = m.bank
+    slots = [s for s in range(SLOTS) if b.onset[s] >= 0]
+    early = [s for s in slots if b.onset[s] <= onset - CHECKPOINT_STEPS]
+    slot = max(early, key=lambda s: int(b.onset[s])) if early else min(slots, key=lambda s: int(b.onset[s]))
+    return Checkpoint(onset, int(b.onset[slot]), m.history.x[slot].copy(), m.history.P[slot].copy(), dict(m.declared))
+
+
+def _sharpen(setup: Setup, m: Memory, number: int) -> None:
+    """Try onsets around that of a hypothesis; the replay that explains the readings best takes its place.
+
+    Each is judged against no jump from its own onset on, so that the ratios compare as they are.
+    """
+    r, scratch = m.replays, m.scratch
+    onset = int(r.onset[number])
+    slot_of = {int(at): slot for slot, at in enumerate(m.bank.onset) if at >= 0}
+    near = [slot_of[onset + by] for by in ONSETS_AROUND if onset + by in slot_of and onset + by < m.now - 1]
+    if not near or m.now - onset >= replay.RING - 64:
+        return
+    for row, slot in enumerate(near):
+        _begin(m, scratch, row, number, slot)
+    _catch_up(setup, m, scratch, len(near), 1 << 40)
+    best = int(np.argmax(scratch.evidence[: len(near)]))
+    if scratch.evidence[best] > r.evidence[number]:
+        r.take(number, scratch, best)
+
+
+def _evidence(m: Memory) -> tuple[Array, list[int]]:
+    """(H + 1,) log-likelihood ratios, those of what can't be at the very bottom; the numbers, the likeliest first."""
+    ratios = enumerate(m.replays.evidence)
+    evidence = np.array([value if _is_possible(m, number) else NO_EVIDENCE for number, value in ratios])
+    return evidence, [int(number) for number in np.argsort(-evidence)]
+
+
+def _loosen(setup: Setup, m: Memory, winner: int, before: Array) -> None:
+    """An onset off by part of a step has left its mark on levels and size: let the readings correct it."""
+    tuning = setup.tuning
+    for j in jumps_of(winner):
+        jump = JUMPS[j]
+        size = float(m.x[jump.state] - before[jump.state])
+        m.P[jump.state, jump.state] += (tuning.size_doubt * abs(size) + tuning.prior_doubt * jump.prior) ** 2
+        m.P[range(4), range(4)] += (size * m.A[:4, jump.state]) ** 2

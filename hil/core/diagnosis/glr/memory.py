@@ -1,0 +1,252 @@
+"""What the detector carries from one step to the next. It changes in place and belongs to one run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import nan
+from typing import NamedTuple
+
+import numpy as np
+
+from hil.core.diagnosis.glr import bank, process
+from hil.core.diagnosis.glr.bank import Bank
+from hil.core.diagnosis.glr.hypotheses import JUMPS, H
+from hil.core.diagnosis.glr.process import BIAS, DRIFT, GAIN, LAG, LEAK, LEVEL, MOVING, PUMP, Array, Ints, N
+from hil.core.diagnosis.glr.replay import RING, History, Replays
+from hil.core.diagnosis.glr.sensor_statistics import Channel
+from hil.core.diagnosis.glr.tuning import Tuning
+from hil.core.tanks import TankModel
+from hil.core.types import Measurement, Pair
+
+EMPTY_STDS = 6.0
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """What doesn't change: c (16,) the rig's constants, walk (N,) variance a period, noise_V of a reading.
+
+    empty_V : below it a tank may be empty, where a converter cuts the noise off: such readings are not used.
+    """
+
+    tuning: Tuning
+    c: Array
+    walk: Array
+    noise_V: float
+    empty_V: float
+
+    @classmethod
+    def of(cls, model: TankModel, lag_s: float, noise_V: float, tuning: Tuning) -> Setup:
+        """From the rig file's numbers."""
+        walk = np.zeros(N)
+        walk[LEVEL : LEVEL + 4] = tuning.level_walk_cm**2
+        walk[GAIN:LEAK] = tuning.parameter_walk**2
+        return cls(tuning, process.constants(model, lag_s), walk, noise_V, EMPTY_STDS * noise_V)
+
+    def filtered(self, x: Array, P: Array, entry: Array) -> float:
+        """One step of a filter beside the main one, in place; see `process.step`."""
+        A, K = np.empty((MOVING, N)), np.empty((N, 4))
+        return process.step(self.c, self.walk, x, P, entry, A, K, np.empty((4, 4)), np.empty(4))
+
+
+@dataclass(slots=True)
+class Suspicion:
+    """An alarm that is not resolved yet.
+
+    number : its own; None as long as it may be about a fault that has one. leader : the likeliest hypothesis, None
+    before the replays have told one.
+    """
+
+    number: int | None
+    detected_s: float
+    leader: int | None = None
+
+
+class Lost(NamedTuple):
+    """A sensor that is no longer used: kind and number of its alarm, the run time at which it was given up."""
+
+    kind: str
+    number: int
+    since_s: float
+
+
+@dataclass(slots=True)
+class Probation:
+    """A pump that has lost gain, watched for being stuck, with the filter of a pump whose flow stays as it is.
+
+    pump : 0 or 1. evidence : log-likelihood ratio against the loss. until_s : run time at which the watch ends.
+    """
+
+    pump: int
+    number: int
+    detected_s: float
+    onset_s: float
+    until_s: float
+    voltage_V: float
+    x: Array
+    P: Array
+    evidence: float = 0.0
+
+
+@dataclass(slots=True)
+class Rival:
+    """What else it may have been than the drift for which a sensor was given up, with the filters of both.
+
+    number : of the rival hypothesis. suspicion : the drift's, with its alarm's number. sensor : from 0. onset, before :
+    of the rival's jump. own_x, own_P : the drift's filter; both go on with the sensor's readings. lead : of the drift,
+    log-likelihood ratio. until_s : run time at which the drift has proven right.
+    """
+
+    number: int
+    suspicion: Suspicion
+    sensor: int
+    onset: int
+    before: Array
+    x: Array
+    P: Array
+    own_x: Array
+    own_P: Array
+    lead: float
+    until_s: float
+
+
+@dataclass(slots=True)
+class Declared:
+    """A fault that has been declared.
+
+    size : the jump in the filter's own unit, since the state was sound. number, detected_s : of its alarm. declared_s :
+    when.
+    """
+
+    kind: str
+    size: float
+    sound: float
+    number: int
+    detected_s: float
+    declared_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class Checkpoint:
+    """The filter some steps before a fault that has been declared, to go back to if a sensor turns out to be the fault.
+
+    onset : step at which that fault is thought to have begun. step, x, P : the filter at an earlier one. declared :
+    what had been declared until then.
+    """
+
+    onset: int
+    step: int
+    x: Array
+    P: Array
+    declared: dict[int, Declared]
+
+
+@dataclass(eq=False)
+class Memory:
+    """The filter (x, P), the bank and its history, what was learned of the sensors, and what was declared.
+
+    A, K, white, innovation : what the last filter step left behind, see `process.step`. scale : (4,) by how much the
+    innovations' variance exceeds what the sensors' noise explains. ratio, slot : the bank's best, by hypothesis.
+    declared : by place in JUMPS. scratch : room for trying onsets. usable : whether the filter takes a sensor's
+    readings in. lost : those that it doesn't. agrees : for how many steps a lost sensor has agreed
+    with the filter. noisy : numbers of the alarms of noisy sensors. is_doubtful : whether a sensor that is used repeats
+    itself so often that it may be stuck. surprise : running mean square of the whitened innovations. verdicts_s : run
+    times of the latest verdicts. rival : to the latest drift. checkpoint : from before the latest verdict. unproven :
+    the pump that stood still when the other one failed, and for how long it has been driven since; None when both are
+    known.
+    """
+
+    x: Array
+    P: Array
+    channels: list[Channel]
+    t_s: float
+    now: int = 0
+    bank: Bank = field(default_factory=Bank.empty)
+    history: History = field(default_factory=History.empty)
+    replays: Replays = field(default_factory=Replays.empty)
+    scratch: Replays = field(default_factory=Replays.empty)
+    times_s: list[float] = field(default_factory=lambda: [nan] * RING)
+    A: Array = field(default_factory=lambda: np.zeros((MOVING, N)))
+    K: Array = field(default_factory=lambda: np.zeros((N, 4)))
+    white: Array = field(default_factory=lambda: np.zeros((4, 4)))
+    innovation: Array = field(default_factory=lambda: np.zeros(4))
+    scale: Array = field(default_factory=lambda: np.ones(4))
+    ratio: Array = field(default_factory=lambda: np.zeros(H + 1))
+    slot: Ints = field(default_factory=lambda: np.zeros(H + 1, dtype=np.int64))
+    statistic: float = 0.0
+    surprise: float = 1.0
+    usable: list[bool] = field(default_factory=lambda: [True] * 4)
+    lost: dict[int, Lost] = field(default_factory=dict)
+    agrees: list[int] = field(default_factory=lambda: [0] * 4)
+    noisy: dict[int, int] = field(default_factory=dict)
+    is_doubtful: bool = False
+    declared: dict[int, Declared] = field(default_factory=dict)
+    suspicion: Suspicion | None = None
+    probation: Probation | None = None
+    rival: Rival | None = None
+    alarms: int = 0
+    verdicts_s: tuple[float, ...] = ()
+    checkpoint: Checkpoint | None = None
+    unproven: tuple[int, float] | None = None
+
+    @classmethod
+    def begin(cls, setup: Setup, t_s: float, measurement: Measurement, applied_V: Pair) -> Memory:
+        """The filter at the first readings, parameters as in the rig file."""
+        tuning = setup.tuning
+        x, variance = np.zeros(N), np.zeros(N)
+        x[LEVEL : LEVEL + 4] = np.array(measurement.level_V) / setup.c[13]
+        x[PUMP : PUMP + 2] = applied_V
+        x[GAIN:LEAK] = 1.0
+        variance[LEVEL : LEVEL + 4] = (setup.noise_V**2 / max(measurement.readings, 1) + 0.005**2) / setup.c[13] ** 2
+        variance[GAIN:LEAK] = tuning.parameter_std**2
+        variance[LAG : LAG + 2] = tuning.lag_std**2
+        memory = cls(x, np.diag(variance), [Channel(setup.noise_V**2) for _ in range(4)], t_s)
+        memory.times_s[0] = t_s
+        memory.open_slot()
+        return memory
+
+    @property
+    def entry(self) -> Array:
+        """The newest line of the history, see `process.step`."""
+        newest: Array = self.history.entries[self.now % RING]
+        return newest
+
+    def time_of(self, step: int) -> float:
+        """Run time of a step that the history still holds, s."""
+        return self.times_s[step % RING]
+
+    def open_slot(self, step: int | None = None) -> None:
+        """Let the bank consider jumps from this step (None: now) on, and keep the filter as it stands."""
+        b, onset = self.bank, self.now if step is None else step
+        slot = bank.open_slot(onset, bank.STATES, b.onset, b.effect, b.energy, b.match, b.cross)
+        self.history.x[slot] = self.x
+        self.history.P[slot] = self.P
+
+    def restart_bank(self, step: int | None = None) -> None:
+        """Forget all candidates: the filter has just been corrected, as it stood at a step (None: now)."""
+        self.bank.clear()
+        self.open_slot(step)
+        self.statistic = 0.0
+
+    def forget(self, state: int) -> None:
+        """Put a fault's state back to nought, known for certain."""
+        self.x[state] = 0.0
+        self.P[state, :] = self.P[:, state] = 0.0
+
+    def least_jumps(self) -> tuple[Array, Array]:
+        """(H,) the smallest jumps up and down that count; what has been declared may also go back."""
+        if not self.declared:
+            return LEAST_RISE, LEAST_FALL
+        rise, fall = LEAST_RISE.copy(), LEAST_FALL.copy()
+        for j, fault in self.declared.items():
+            rise[j], fall[j] = JUMPS[j].rise[0], JUMPS[j].fall[0]
+            if fault.size < 0.0:
+                rise[j] = JUMPS[j].fall[0]
+        return rise, fall
+
+    def distrusted(self, sensor: int) -> bool:
+        """Whether a sensor's reading must not be used as it is."""
+        return not self.usable[sensor] or any(JUMPS[j].state in (BIAS + sensor, DRIFT + sensor) for j in self.declared)
+
+
+LEAST_RISE = np.array([jump.rise[0] if jump.rises else np.inf for jump in JUMPS])
+LEAST_FALL = np.array([jump.fall[0] if jump.falls else np.inf for jump in JUMPS])

@@ -1,0 +1,107 @@
+"""Frames: whether they come at the DBC's pace, whole and one after the other; who else is on the bus."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from itertools import pairwise
+from math import sqrt
+from statistics import median
+
+from hil.probe.observation import COMMAND, Observation
+from hil.probe.result import Result, failed, passed, warned
+from hil.wire.frame_check import Rejection
+
+PERIOD_WARN, PERIOD_FAIL = 0.05, 0.20
+"""How far the mean period may be off the DBC's, as a share of it."""
+JITTER_WARN = 0.25
+"""Standard deviation of the time between frames, as a share of the period."""
+LOSS_FAIL = 0.05
+"""At this share of lost or refused frames two commands in a row are lost ninety times an hour."""
+FEWEST_FRAMES = 3
+SECOND_NS = 1_000_000_000
+
+WIRING = "look at cable, termination (60 ohms between CAN_H and CAN_L), supply and bit rate"
+COUNTERS = (Rejection.DUPLICATE, Rejection.OLD)
+
+
+def check_frames(observation: Observation) -> list[Result]:
+    """Period and integrity of every frame that the nodes send by themselves."""
+    results = []
+    for spec in observation.contract.frames.values():
+        if spec.cycle_s > 0.0:
+            results += [check_period(observation, spec.name), check_integrity(observation, spec.name)]
+    return results
+
+
+def check_period(observation: Observation, name: str, fail_above: float = PERIOD_FAIL) -> Result:
+    """Mean and jitter of the time between frames that followed one another, against the DBC's cycle time.
+
+    The period is off when mean and median are: frames that pile up while the host stands still move only the mean,
+    and a node that sends by turns early and late only the median.
+    """
+    check, cycle_s = f"{name} period", observation.contract.frames[name].cycle_s
+    arrivals = observation.of(name)
+    gaps_s = [(b.t_ns - a.t_ns) * 1e-9 for a, b in pairwise(arrivals) if b.lost == 0]
+    if len(arrivals) < FEWEST_FRAMES or not gaps_s:
+        refused = observation.refused(name).total()
+        found = f"{len(arrivals)} frames in {observation.duration_s:.1f} s" + (
+            f", {refused} refused" if refused else ""
+        )
+        return failed(check, found, f"is the node on and on this bus? Otherwise {WIRING}")
+    mean_s = sum(gaps_s) / len(gaps_s)
+    jitter_s = sqrt(sum((gap_s - mean_s) ** 2 for gap_s in gaps_s) / len(gaps_s))
+    off = min(abs(mean_s - cycle_s), abs(median(gaps_s) - cycle_s)) / cycle_s
+    found = (
+        f"{mean_s * 1e3:.2f} ms, jitter {jitter_s * 1e3:.2f} ms, longest {max(gaps_s) * 1e3:.1f} ms; "
+        f"DBC {cycle_s * 1e3:g} ms"
+    )
+    if off > fail_above:
+        return failed(check, found, "the node's firmware does not keep the DBC's cycle time")
+    if off > PERIOD_WARN:
+        return warned(check, found, "the node's clock or firmware is off the DBC's cycle time")
+    if jitter_s > JITTER_WARN * cycle_s:
+        return warned(check, found, "a busy bus, node or host; stop what else runs and look again")
+    return passed(check, found)
+
+
+def check_integrity(observation: Observation, name: str) -> Result:
+    """Rates of frames lost by the counter, and refused by the CRC, the counter, the length or the range."""
+    check = f"{name} integrity"
+    accepted, lost, refused = len(observation.of(name)), observation.lost(name), observation.refused(name)
+    total = accepted + lost + refused.total()
+    if total == 0:
+        return failed(check, "no frame", f"is the node on and on this bus? Otherwise {WIRING}")
+    parts = [f"{lost} lost"] if lost else []
+    parts += [f"{count} refused: {why}" for why, count in sorted(refused.items())]
+    share = (lost + refused.total()) / total
+    found = (
+        f"{total} frames, none lost or refused" if not parts else f"of {total} frames {', '.join(parts)} ({share:.1%})"
+    )
+    if not parts:
+        return passed(check, found)
+    is_counter = any(why in COUNTERS for why in refused)
+    if share >= LOSS_FAIL:
+        advice = "its counter must rise by one from frame to frame (docs/wire.md)" if is_counter else WIRING
+        return failed(check, found, advice)
+    return warned(check, found, WIRING)
+
+
+def check_strangers(observation: Observation, errors_per_s_max: int) -> list[Result]:
+    """Commands that are not ours, and error frames."""
+    commands = len(observation.of(COMMAND))
+    errors_ns = [refusal.t_ns for refusal in observation.refusals if refusal.why is Rejection.ERROR_FRAME]
+    results = []
+    if commands:
+        advice = "stop the other controller first; until then nothing is sent from here"
+        results.append(failed("commands of others", f"{commands} pump commands from somebody else", advice))
+    else:
+        results.append(passed("commands of others", "none"))
+    most = max((bisect_right(errors_ns, t_ns + SECOND_NS) - at for at, t_ns in enumerate(errors_ns)), default=0)
+    found = f"{len(errors_ns)} in {observation.duration_s:.1f} s, at most {most} within a second"
+    if most >= errors_per_s_max:
+        results.append(failed("error frames", found, f"a run would trip; {WIRING}"))
+    elif errors_ns:
+        results.append(warned("error frames", found, WIRING))
+    else:
+        results.append(passed("error frames", "none"))
+    return results

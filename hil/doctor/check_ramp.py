@@ -1,0 +1,146 @@
+"""A short, small ramp on one pump: whether the node applies it, and the water rises where it should.
+
+The tanks are judged against eq. (1) integrated from the levels measured at the start, once with the pump's voltage and
+once without: the response is the share of the difference that shows in the readings.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hil.core.tanks import TankModel, level_rates, pump_matrix
+from hil.core.types import Pair, Quad
+from hil.probe.bus_probe import Probe
+from hil.probe.observation import LEVEL_FRAMES, STATUS, Observation
+from hil.probe.result import Result, failed, not_checked, passed, warned
+
+TOP_V = 3.0
+RISE_S, HOLD_S = 0.5, 3.0
+REST_S = 0.5
+SAMPLES = 20
+"""Readings that a level is the mean of."""
+RESPONSE_LOW, RESPONSE_HIGH = 0.5, 1.5
+NO_RESPONSE = 0.2
+HEADROOM_CM = 2.0
+"""Below safety.level_max_cm, before a pump is moved."""
+DT_S = 0.02
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """One pump's ramp: statuses and levels from rest to rest. pump : 0 or 1. start_cm, end_cm : levels by readings."""
+
+    pump: int
+    observation: Observation
+    start_cm: Quad
+    end_cm: Quad
+    duration_s: float
+    lag_s: float
+
+
+def ramp_voltage(t_s: float) -> float:
+    """The voltage of the pump at a time: up, hold, down."""
+    down_s = t_s - RISE_S - HOLD_S
+    return TOP_V * max(0.0, min(1.0, t_s / RISE_S, 1.0 - down_s / RISE_S))
+
+
+TOTAL_S = 2 * RISE_S + HOLD_S
+
+
+def run(probe: Probe, pump: int, level_gain_V_cm: float, lag_s: float) -> Ramp:
+    """Ramp one pump; 0 V and disabled afterwards, whatever is raised on the way."""
+    start_cm = levels_cm(probe.listen(REST_S), level_gain_V_cm)
+    begin_ns = probe.now_ns
+    try:
+        probe.drive(lambda t_s: (ramp_voltage(t_s), 0.0) if pump == 0 else (0.0, ramp_voltage(t_s)), TOTAL_S)
+    finally:
+        probe.command()
+    end_ns = probe.now_ns
+    end_cm = levels_cm(probe.listen(REST_S), level_gain_V_cm)
+    whole = probe.listener.observed(begin_ns, end_ns)
+    return Ramp(pump, whole, start_cm, end_cm, (end_ns - begin_ns) * 1e-9 + REST_S, lag_s)
+
+
+def levels_cm(observation: Observation, level_gain_V_cm: float) -> Quad:
+    """Means of the newest readings; nan when there are none."""
+    means = []
+    for name, tanks in LEVEL_FRAMES.items():
+        newest = observation.of(name)[-SAMPLES:]
+        for tank in tanks:
+            total_V = sum(arrival.values[f"Level{tank}"] for arrival in newest)
+            means.append(total_V / len(newest) / level_gain_V_cm if newest else float("nan"))
+    h1, h2, h3, h4 = means
+    return (h1, h2, h3, h4)
+
+
+def may_move(level_cm: Quad, level_max_cm: float) -> bool:
+    """Whether there is room for the water; NaN is no room."""
+    return all(level < level_max_cm - HEADROOM_CM for level in level_cm)
+
+
+def check_ramp(ramp: Ramp, model: TankModel, tolerance_V: float) -> list[Result]:
+    """Applied voltage and level response. tolerance_V : safety.echo_tolerance_V."""
+    return [_check_applied(ramp, tolerance_V), *_check_response(ramp, model)]
+
+
+def unchecked(why: str, advice: str) -> list[Result]:
+    """Nothing was moved."""
+    return [not_checked("pumps", why, advice)]
+
+
+def _check_applied(ramp: Ramp, tolerance_V: float) -> Result:
+    check = f"pump {ramp.pump + 1} voltage"
+    begin_ns = ramp.observation.begin_ns
+    hold = [
+        status
+        for status in ramp.observation.of(STATUS)
+        if RISE_S + 0.2 <= (status.t_ns - begin_ns) * 1e-9 <= RISE_S + HOLD_S
+    ]
+    if not hold:
+        return failed(check, "no PumpStatus while it ran", "look at the pump node")
+    own, other = (f"Applied{1 + ramp.pump}", f"Applied{2 - ramp.pump}")
+    applied_V = [status.values[own] for status in hold]
+    found = f"{min(applied_V):.3f} to {max(applied_V):.3f} V applied, {TOP_V:g} V commanded"
+    if max(status.values[other] for status in hold) > 0.0:
+        return failed(check, f"{found}; the other pump ran, too", "the node mixes its outputs up")
+    if max(abs(voltage - TOP_V) for voltage in applied_V) > tolerance_V:
+        return failed(check, found, "look at the node's converter; has it tripped?")
+    return passed(check, found)
+
+
+def _check_response(ramp: Ramp, model: TankModel) -> list[Result]:
+    """The two tanks that the pump feeds."""
+    driven, drained = (_predicted(ramp, model, scale) for scale in (1.0, 0.0))
+    feeds = pump_matrix(model)[:, ramp.pump]
+    results = []
+    for tank in range(4):
+        if feeds[tank] == 0.0:
+            continue
+        check = f"pump {ramp.pump + 1} to tank {tank + 1}"
+        expected_cm, seen_cm = driven[tank] - drained[tank], ramp.end_cm[tank] - drained[tank]
+        share = seen_cm / expected_cm
+        found = f"{seen_cm:+.2f} cm by the pump, {expected_cm:+.2f} cm by rig.toml ({share:.0%})"
+        if not share >= NO_RESPONSE:
+            advice = "no water: pump, its supply, valve, reservoir, hose; or the sensor of this tank"
+            results.append(failed(check, found, advice))
+        elif not RESPONSE_LOW <= share <= RESPONSE_HIGH:
+            advice = "measure gain and valve split into rig.toml; outlets differ, or the pump is weak"
+            results.append(warned(check, found, advice))
+        else:
+            results.append(passed(check, found))
+    return results
+
+
+def _predicted(ramp: Ramp, model: TankModel, scale: float) -> Quad:
+    """Levels at the end of the ramp by eq. (1), the pump's lag included."""
+    h1, h2, h3, h4 = ramp.start_cm
+    flow_V, t_s = 0.0, 0.0
+    while t_s < ramp.duration_s:
+        wanted_V = scale * ramp_voltage(t_s)
+        flow_V += (wanted_V - flow_V) * (min(1.0, DT_S / ramp.lag_s) if ramp.lag_s > 0.0 else 1.0)
+        pump_V: Pair = (flow_V, 0.0) if ramp.pump == 0 else (0.0, flow_V)
+        r1, r2, r3, r4 = level_rates(model, (h1, h2, h3, h4), pump_V)
+        h1, h2 = max(h1 + r1 * DT_S, 0.0), max(h2 + r2 * DT_S, 0.0)
+        h3, h4 = max(h3 + r3 * DT_S, 0.0), max(h4 + r4 * DT_S, 0.0)
+        t_s += DT_S
+    return (h1, h2, h3, h4)

@@ -1,0 +1,1 @@
+"""CAN buses: SocketCAN, slcan adapters, an in-process pair for lockstep."""

@@ -1,0 +1,1 @@
+"""Configuration files: TOML to validated settings, with errors that name file, key and range."""

@@ -1,0 +1,163 @@
+"""The rig file: the process and the bench as the controller believes them to be."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from hil.core.tanks import TankModel, equilibrium
+from hil.core.types import Pair
+from hil.edge.config.scenario_file import Scenario
+from hil.edge.config.settings_file import (
+    NotNegative,
+    Pole,
+    Positive,
+    Range,
+    Section,
+    Split,
+    Volts,
+    merged,
+    read_toml,
+    validated,
+)
+
+LONGEST_BYPASS_S = 600.0
+"""No configuration lets an interlock be bypassed for longer."""
+
+
+class Tanks(Section):
+    """Geometry, in cm and cm^2; tank 1, 2, 3, 4."""
+
+    area_cm2: tuple[Positive, Positive, Positive, Positive]
+    outlet_cm2: tuple[Positive, Positive, Positive, Positive]
+    height_cm: Positive
+    gravity_cm_s2: Positive
+
+
+class Pumps(Range):
+    """Gains, valves and limits; pump 1, 2."""
+
+    gain_cm3_Vs: tuple[Positive, Positive]
+    valve_split: tuple[Split, Split]
+    lag_s: NotNegative
+    range_V: tuple[Volts, Volts]
+    rate_V_s: Positive
+
+    @field_validator("range_V")
+    @classmethod
+    def _range_is_ordered(cls, limits: Pair) -> Pair:
+        return cls.ordered(limits)
+
+
+class Sensors(Range):
+    """Level sensors."""
+
+    gain_V_cm: Positive
+    noise_V: NotNegative
+    range_V: tuple[NotNegative, Positive]
+
+    @field_validator("range_V")
+    @classmethod
+    def _range_is_ordered(cls, limits: Pair) -> Pair:
+        return cls.ordered(limits)
+
+
+class Control(Section):
+    """Control period, operating point and the rig's design."""
+
+    period_s: Annotated[float, Field(ge=0.001, le=10.0, allow_inf_nan=False)]
+    operating_point_V: tuple[Volts, Volts]
+    output_poles: tuple[Pole, Pole, Pole, Pole]
+    noise_gain_max: Positive
+    anti_windup_s: Positive
+    level_filter_s: NotNegative
+
+
+class Safety(Section):
+    """What trips, and how a run stops."""
+
+    level_max_cm: Positive
+    rim_margin_cm: NotNegative
+    levels_age_max_s: Positive
+    status_age_max_s: Positive
+    heartbeat_age_max_s: Positive
+    echo_age_max_s: Positive
+    echo_tolerance_V: Positive
+    echo_mismatch_s: NotNegative
+    invalid_run_max: Annotated[int, Field(ge=1, le=100)]
+    refused_run_max: Annotated[int, Field(ge=1, le=100)]
+    errors_per_s_max: Annotated[int, Field(ge=1, le=1000)]
+    dead_below: Annotated[float, Field(ge=0.0, lt=1.0, allow_inf_nan=False)]
+    dead_pump: Literal["continue", "stop"]
+    lost_lower_level: Literal["continue", "stop"]
+    dry_run_V: NotNegative
+    bypass_max_s: Annotated[float, Field(gt=0.0, le=LONGEST_BYPASS_S, allow_inf_nan=False)]
+    arm_timeout_s: Positive
+    stop_ramp_V_s: Positive
+
+
+class Bus(Section):
+    """Which CAN bus, in python-can's words."""
+
+    interface: str
+    channel: str
+    bitrate: Annotated[int, Field(ge=10_000, le=1_000_000)]
+
+
+class Rig(Section):
+    """The rig file: the process and the bench as the controller believes them to be."""
+
+    tanks: Tanks
+    pumps: Pumps
+    sensors: Sensors
+    control: Control
+    safety: Safety
+    bus: Bus
+
+    @model_validator(mode="after")
+    def _trips_below_the_rim(self) -> Self:
+        safety, height_cm = self.safety, self.tanks.height_cm
+        if safety.level_max_cm >= height_cm:
+            raise ValueError(f"safety.level_max_cm {safety.level_max_cm:g} is not below tanks.height_cm {height_cm:g}")
+        if safety.level_max_cm + safety.rim_margin_cm > height_cm:
+            raise ValueError(
+                f"safety.rim_margin_cm {safety.rim_margin_cm:g} leaves no room for safety.level_max_cm "
+                f"{safety.level_max_cm:g} below tanks.height_cm {height_cm:g}"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _starts_within_the_tanks(self) -> Self:
+        levels_cm = equilibrium(self.tank_model, self.control.operating_point_V)
+        highest_cm = self.safety.level_max_cm
+        if not all(0.0 < level_cm < highest_cm for level_cm in levels_cm):
+            shown = ", ".join(f"{level_cm:.4g}" for level_cm in levels_cm)
+            raise ValueError(
+                f"control.operating_point_V {list(self.control.operating_point_V)} holds levels of {shown} cm, "
+                f"want all of them within 0..{highest_cm:g} cm (safety.level_max_cm)"
+            )
+        return self
+
+    @property
+    def tank_model(self) -> TankModel:
+        """The numbers of eq. (1)."""
+        return TankModel(
+            self.tanks.area_cm2,
+            self.tanks.outlet_cm2,
+            self.pumps.gain_cm3_Vs,
+            self.pumps.valve_split,
+            self.sensors.gain_V_cm,
+            self.tanks.height_cm,
+            self.tanks.gravity_cm_s2,
+        )
+
+
+def load_rig(path: Path, scenario: Scenario | None = None, scenario_path: Path | None = None) -> Rig:
+    """The rig file, with the scenario's [rig] table laid over it. Raises SettingsError."""
+    data = read_toml(path)
+    rig = validated(Rig, data, str(path))
+    if scenario is None or not scenario.rig:
+        return rig
+    return validated(Rig, merged(data, scenario.rig), f"{scenario_path} [rig] over {path}")

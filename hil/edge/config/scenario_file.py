@@ -1,0 +1,213 @@
+"""The scenario file: an experiment, what is asked of the loop, what goes wrong, what is measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, get_args
+
+from pydantic import Field, ValidationInfo, field_validator, model_validator
+
+from hil.edge.config.settings_file import (
+    LONGEST_S,
+    Finite,
+    LevelCm,
+    LevelVolts,
+    NotNegative,
+    Positive,
+    Section,
+    Volts,
+    read_toml,
+    validated,
+)
+
+
+class ScenarioInfo(Section):
+    """Name and length of a scenario."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
+    duration_s: Annotated[float, Field(gt=0.0, le=LONGEST_S, allow_inf_nan=False)]
+
+
+class Reference(Section):
+    """A change of the wanted outputs, in just one of three ways."""
+
+    at_s: NotNegative
+    change_V: tuple[Finite, Finite] | None = None
+    levels_V: tuple[LevelVolts, LevelVolts] | None = None
+    levels_cm: tuple[LevelCm, LevelCm] | None = None
+
+    @model_validator(mode="after")
+    def _says_it_once(self) -> Self:
+        given = [k for k in ("change_V", "levels_V", "levels_cm") if getattr(self, k) is not None]
+        if len(given) != 1:
+            raise ValueError(f"has {', '.join(given) or 'none'} of change_V, levels_V, levels_cm: give one")
+        return self
+
+
+BypassableName = Literal["echo_mismatch", "error_storm", "dry_run", "pump_dead", "estimator_diverged"]
+
+FaultKind = Literal[
+    "pump_effectiveness",
+    "pump_dead",
+    "pump_stuck_on",
+    "pump_lag",
+    "valve_split",
+    "reservoir_low",
+    "leak",
+    "outlet_block",
+    "sensor_bias",
+    "sensor_drift",
+    "sensor_noise",
+    "sensor_stuck",
+    "sensor_open",
+    "sensor_garbage",
+    "frame_loss",
+    "frame_burst",
+    "frame_delay",
+    "frame_duplicate",
+    "frame_reorder",
+    "frame_corrupt",
+    "counter_stuck",
+    "wrong_length",
+    "wrong_id",
+    "extended_id",
+    "remote_frame",
+    "babble",
+    "foreign_command",
+    "error_frames",
+    "bus_off",
+    "node_reboot",
+    "node_silent",
+    "heartbeat_stop",
+    "clock_jump",
+]
+
+
+class Fault(Section):
+    """A fault that the emulator plays; of these the ideal diagnosis knows lost pumps.
+
+    The emulator decides what target and value each other kind needs.
+    """
+
+    at_s: NotNegative
+    kind: FaultKind
+    target: Annotated[Any, Field(validate_default=True)] = None
+    value: Annotated[Finite | None, Field(validate_default=True)] = None
+    until_s: Positive | None = None
+
+    @property
+    def effectiveness(self) -> float | None:
+        """What this fault leaves of a pump's gain; None if it is of another kind."""
+        return 0.0 if self.kind == "pump_dead" else self.value if self.kind == "pump_effectiveness" else None
+
+    @field_validator("kind", mode="before")
+    @classmethod
+    def _is_known(cls, kind: Any) -> Any:
+        if kind not in get_args(FaultKind):
+            raise ValueError(f"is none of {' '.join(get_args(FaultKind))}")
+        return kind
+
+    @field_validator("target")
+    @classmethod
+    def _is_a_number_or_name(cls, target: Any, info: ValidationInfo) -> int | str | None:
+        is_number = isinstance(target, int) and not isinstance(target, bool)
+        if info.data.get("kind") in ("pump_effectiveness", "pump_dead") and not (is_number and target in (1, 2)):
+            raise ValueError("must be pump 1 or 2")
+        if not (is_number or target is None or isinstance(target, str)):
+            raise ValueError("must be a whole number or a name")
+        return target  # type: ignore[no-any-return]
+
+    @field_validator("value")
+    @classmethod
+    def _is_a_share(cls, value: float | None, info: ValidationInfo) -> float | None:
+        if info.data.get("kind") == "pump_effectiveness" and (value is None or not 0.0 <= value <= 1.0):
+            raise ValueError("must lie in 0..1")
+        return value
+
+    @model_validator(mode="after")
+    def _ends_after_it_began(self) -> Self:
+        if self.until_s is not None and self.until_s <= self.at_s:
+            raise ValueError(f"until_s {self.until_s:g} is not after at_s {self.at_s:g}")
+        return self
+
+
+class OperatorRequest(Section):
+    """What the operator asks for in the course of a run.
+
+    manual : pump voltages by hand, `voltage_V`, or those in force without it. auto : back to the loop.
+    bypass : leave an `interlock` out for `for_s`. clear : a trip. stop : ramp down and end the run.
+    """
+
+    at_s: Positive
+    action: Literal["manual", "auto", "bypass", "clear", "stop"]
+    voltage_V: tuple[Volts, Volts] | None = None
+    interlock: BypassableName | None = None
+    for_s: Annotated[float, Field(gt=0.0, le=600.0, allow_inf_nan=False)] | None = None
+
+    @model_validator(mode="after")
+    def _has_what_its_action_needs(self) -> Self:
+        if self.voltage_V is not None and self.action != "manual":
+            raise ValueError(f"voltage_V is for manual, not for {self.action}")
+        needed = self.action == "bypass"
+        for key in ("interlock", "for_s"):
+            if (getattr(self, key) is not None) != needed:
+                raise ValueError(f"bypass needs {key}" if needed else f"{key} is for bypass, not for {self.action}")
+        return self
+
+
+class DiagnosisChoice(Section):
+    """Which fault detector."""
+
+    method: Literal["glr", "ideal", "none"] = "glr"
+    delay_s: NotNegative = 1.0
+
+
+class ControlChoice(Section):
+    """Which design, and whether it follows the diagnosis."""
+
+    reconfigure: bool = True
+    design: Literal["calibrated", "rig"] = "rig"
+
+
+class WindowTable(Section):
+    """A stretch of the run over which IAE is computed."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
+    from_s: NotNegative
+    to_s: Positive
+
+    @model_validator(mode="after")
+    def _ends_after_it_began(self) -> Self:
+        if self.to_s <= self.from_s:
+            raise ValueError(f"to_s {self.to_s:g} is not after from_s {self.from_s:g}")
+        return self
+
+
+class Scenario(Section):
+    """An experiment: what is asked of the loop, what goes wrong, what is measured."""
+
+    scenario: ScenarioInfo
+    reference: tuple[Reference, ...] = ()
+    fault: tuple[Fault, ...] = ()
+    request: tuple[OperatorRequest, ...] = ()
+    diagnosis: DiagnosisChoice = DiagnosisChoice()
+    control: ControlChoice = ControlChoice()
+    window: tuple[WindowTable, ...] = ()
+    rig: dict[str, Any] = Field(default_factory=dict)
+    emulator: dict[str, Any] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _is_in_order(self) -> Self:
+        for name, listed in (("reference", self.reference), ("request", self.request)):
+            times = [entry.at_s for entry in listed]
+            if times != sorted(times):
+                raise ValueError(f"{name} times {times} do not ascend")
+        names = [w.name for w in self.window]
+        if len(set(names)) != len(names):
+            raise ValueError(f"window names {names} repeat")
+        return self
+
+
+def load_scenario(path: Path) -> Scenario:
+    """A scenario file. Raises SettingsError."""
+    return validated(Scenario, read_toml(path), str(path))

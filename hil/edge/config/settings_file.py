@@ -1,0 +1,101 @@
+"""TOML to validated settings, with errors that name file, key, value and range: what rig file and scenario share."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+
+from hil.core.types import Pair
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
+Split = Annotated[float, Field(gt=0.0, lt=1.0, allow_inf_nan=False)]
+Volts = Annotated[float, Field(ge=0.0, le=10.0, allow_inf_nan=False)]
+LevelVolts = Annotated[float, Field(ge=0.0, le=10.0, allow_inf_nan=False)]
+LevelCm = Annotated[float, Field(ge=0.0, le=20.0, allow_inf_nan=False)]
+Pole = Annotated[float, Field(lt=0.0, ge=-10.0, allow_inf_nan=False)]
+
+LONGEST_S = 1e7
+"""Longest run, 116 days."""
+
+Model = TypeVar("Model", bound="Section")
+
+
+class SettingsError(ValueError):
+    """A file that can't be used: one line with file, key, value and what would be right."""
+
+
+class Section(BaseModel):
+    """A table of a settings file: unknown keys are errors, values are never coerced from text."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _lists_are_tuples(cls, value: Any) -> Any:
+        """TOML arrays come as lists; whole numbers may stand for floats."""
+        return tuple(cls._lists_are_tuples(v) for v in value) if isinstance(value, list) else value
+
+
+class Range(Section):
+    """Mixin for checks of a lower and an upper limit."""
+
+    @staticmethod
+    def ordered(limits: Pair) -> Pair:
+        """Refuse swapped or equal limits."""
+        if limits[0] >= limits[1]:
+            raise ValueError(f"lower limit {limits[0]:g} is not below upper limit {limits[1]:g}")
+        return limits
+
+
+def default_config_dir() -> Path:
+    """`config` of the checkout, or its copy beside an installed package."""
+    beside = Path(__file__).resolve().parents[3]
+    return beside / "config" if (beside / "config" / "rig.toml").is_file() else beside / "fourtank_config"
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The file as nested dicts. Raises SettingsError when it is missing or is not TOML."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise SettingsError(f"{path}: can't be read: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SettingsError(f"{path}: is not TOML: {error}") from None
+
+
+def merged(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
+    """`over` laid on `base`, table by table."""
+    result = dict(base)
+    for key, value in over.items():
+        both_tables = isinstance(value, dict) and isinstance(result.get(key), dict)
+        result[key] = merged(result[key], value) if both_tables else value
+    return result
+
+
+def validated(model: type[Model], data: dict[str, Any], where: str) -> Model:
+    """The data as settings; raises SettingsError that begins with `where` and names the first key at fault."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        key = _key(first["loc"])
+        more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+        message = first["msg"].removeprefix("Value error, ")
+        if first["type"] == "extra_forbidden":
+            message = "unknown key"
+        shown = "" if first["type"] == "missing" or isinstance(first["input"], dict) else f" = {first['input']!r}"
+        subject = f"{key}{shown}: " if key else ""
+        raise SettingsError(f"{where}: {subject}{message}{more}") from None
+
+
+def _key(location: tuple[int | str, ...]) -> str:
+    key = ""
+    for part in location:
+        key += f"[{part}]" if isinstance(part, int) else f".{part}" if key else part
+    return key

@@ -1,0 +1,1 @@
+"""The computer: clock, signals, real-time scheduling, facts for `hil doctor`."""

@@ -1,0 +1,230 @@
+"""The recorder: what the control loop hands its steps, frames and events to.
+
+`Recorder` writes at once, in the caller's thread: for lockstep, where two runs with the same seed must give the same
+bytes. For a live run, where nothing may delay the loop, `hil.edge.record.recorder_process` puts it into a process of
+its own. Both have the same methods. A file that fails (a full disk, a lost mount) is given up and the others go on; no
+error of theirs reaches the loop. `health()` reports it at once, and `events.jsonl` and `run.json` keep it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from math import nan
+from typing import TYPE_CHECKING, Protocol, TextIO
+
+from hil.core.types import Event, Quad, Severity, TickRecord
+from hil.edge.record.record_format import (
+    COLUMNS,
+    Row,
+    event_line,
+    frame_line,
+    tick_line,
+    tick_row,
+)
+from hil.edge.record.run_folder import RunFolder, RunFolderError, Status
+
+if TYPE_CHECKING:  # it takes longer to import than all the rest of the recorder's process
+    import can
+
+
+class Timeline(Protocol):
+    """A further record of the run beside the files, such as Rerun's. It may raise; the recorder then gives it up."""
+
+    def tick(self, row: Row) -> None:
+        """Take one step; `row` in the order of COLUMNS, NaN for true levels that are not known."""
+
+    def event(self, t_s: float, event: Event) -> None:
+        """Take one event."""
+
+    def flush(self) -> None:
+        """Bring what was taken to the disk; raises when that fails."""
+
+    def close(self) -> None:
+        """Flush and finalise."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecorderHealth:
+    """errors : what failed, one line each. dropped : entries lost from a full queue. waiting : entries in the queue."""
+
+    errors: tuple[str, ...] = ()
+    dropped: int = 0
+    waiting: int = 0
+
+    @property
+    def is_ok(self) -> bool:
+        """Whether everything so far is in the record or on its way there."""
+        return not self.errors and self.dropped == 0
+
+
+class _Sink:
+    """A text file that is given up at its first error."""
+
+    def __init__(self, name: str, file: TextIO, on_failure: Callable[[str], None]) -> None:
+        self._name, self._file, self._on_failure = name, file, on_failure
+        self._is_open = True
+
+    def write(self, line: str) -> None:
+        if self._is_open:
+            try:
+                self._file.write(line)
+            except (OSError, ValueError) as error:
+                self._give_up(error)
+
+    def flush(self) -> None:
+        if self._is_open:
+            try:
+                self._file.flush()
+            except (OSError, ValueError) as error:
+                self._give_up(error)
+
+    def close(self) -> None:
+        self.flush()
+        if self._is_open:
+            self._is_open = False
+            self._file.close()
+
+    def _give_up(self, error: Exception) -> None:
+        self._is_open = False
+        with suppress(OSError, ValueError):
+            self._file.close()
+        self._on_failure(f"{self._name} is lost from here on: {error}")
+
+
+class Recorder:
+    """Writes steps, frames and events as they come, in the caller's thread. No method raises for what a disk does.
+
+    Not for use from several threads at once; `health` may be called from any.
+    """
+
+    def __init__(
+        self,
+        folder: RunFolder,
+        *,
+        ticks: TextIO,
+        frames: TextIO,
+        events: TextIO,
+        channel: str = "can0",
+        timeline: Timeline | None = None,
+        on_event: Callable[[Event], None] | None = None,
+    ) -> None:
+        """on_event : is told of every event, must not block."""
+        self._on_event = on_event
+        self._folder = folder
+        self._channel = channel
+        self._errors: tuple[str, ...] = ()
+        self._timeline = timeline
+        self._t_s = 0.0
+        self._received_s = self._latency_s = nan
+        self._is_closed = False
+        self._ticks = _Sink(folder.ticks_path.name, ticks, self.note_failure)
+        self._frames = _Sink(folder.can_log_path.name, frames, self.note_failure)
+        self._events = _Sink(folder.events_path.name, events, self.note_failure)
+        self._ticks.write(",".join(COLUMNS) + "\n")
+        self._ticks.flush()  # a table from the first moment on, even if this process dies in the next
+
+    @classmethod
+    def open(
+        cls,
+        folder: RunFolder,
+        *,
+        channel: str = "can0",
+        timeline: Timeline | None = None,
+        on_event: Callable[[Event], None] | None = None,
+    ) -> Recorder:
+        """A recorder into the folder's files. channel : the bus's name in can.log. Raises RunFolderError."""
+        paths = (folder.ticks_path, folder.can_log_path, folder.events_path)
+        try:
+            ticks, frames, events = (path.open("x", encoding="utf-8", newline="\n") for path in paths)
+        except OSError as error:
+            raise RunFolderError(f"cannot open the record in {folder.path}: {error.strerror}") from error
+        return cls(
+            folder, ticks=ticks, frames=frames, events=events, channel=channel, timeline=timeline, on_event=on_event
+        )
+
+    def tick(self, record: TickRecord, true_level_cm: Quad | None = None, queue: int = 0) -> None:
+        """Write one step and its events.
+
+        true_level_cm : the emulator's levels, known in lockstep; a step without them is one of a live run.
+        queue : entries that waited for the recorder.
+        """
+        self._t_s = record.t_s
+        is_live = true_level_cm is None
+        row = tick_row(record, None, self._latency_s, queue) if is_live else tick_row(record, true_level_cm)
+        self._latency_s = nan
+        self._ticks.write(tick_line(row, is_live))
+        if self._timeline is not None:
+            self._try_timeline(self._timeline.tick, row)
+        for event in record.events:
+            self.event(record.t_s, event)
+
+    def frame(self, timestamp_s: float, arbitration_id: int, data: bytes | bytearray, is_rx: bool = True) -> None:
+        """Write one ordinary frame (11-bit id, data); the quick way."""
+        if is_rx:
+            self._received_s = timestamp_s
+        else:
+            self._latency_s = timestamp_s - self._received_s
+        self._frames.write(
+            f"({timestamp_s:.6f}) {self._channel} {arbitration_id:03X}#{data.hex().upper()} {'R' if is_rx else 'T'}\n"
+        )
+
+    def message(self, timestamp_s: float, message: can.Message) -> None:
+        """Write any python-can message, the odd kinds too, at the given time."""
+        self._frames.write(frame_line(timestamp_s, self._channel, message))
+
+    def event(self, t_s: float, event: Event) -> None:
+        """Write one event and bring it to the disk."""
+        self._events.write(event_line(t_s, event))
+        self._events.flush()
+        if self._timeline is not None:
+            self._try_timeline(self._timeline.event, t_s, event)
+        if self._on_event is not None:
+            self._on_event(event)
+
+    def flush_files(self) -> None:
+        """Bring ticks and frames to the operating system."""
+        self._ticks.flush()
+        self._frames.flush()
+
+    def flush(self) -> None:
+        """Bring everything there, the timeline too."""
+        self.flush_files()
+        if self._timeline is not None:
+            self._try_timeline(self._timeline.flush)
+
+    def health(self) -> RecorderHealth:
+        """What has failed so far."""
+        return RecorderHealth(self._errors)
+
+    def close(self, status: Status, reason: str, *, speed_x: float | None = None, dropped: int = 0) -> None:
+        """Finish all files and write down how the run ended. A second call does nothing."""
+        if self._is_closed:
+            return
+        self.abandon()
+        troubles = {"errors": list(self._errors), "dropped": dropped}
+        try:
+            self._folder.finish(status, reason, speed_x=speed_x, recorder=troubles)
+        except (OSError, RunFolderError) as error:
+            self._errors += (f"{self._folder.manifest_path.name} keeps the status running: {error}",)
+
+    def abandon(self) -> None:
+        """Finish all files but run.json: the run was interrupted, nobody knows how it ended."""
+        self._is_closed = True
+        if self._timeline is not None:
+            self._try_timeline(self._timeline.close)
+        for sink in (self._ticks, self._frames, self._events):
+            sink.close()
+
+    def _try_timeline(self, call: Callable[..., None], *arguments: object) -> None:
+        try:
+            call(*arguments)
+        except Exception as error:  # noqa: BLE001 - whatever the viewer's library raises must not stop the loop
+            self._timeline = None
+            self.note_failure(f"the timeline is lost from here on: {error}")
+
+    def note_failure(self, text: str) -> None:
+        """Note a failure of the record itself: for `health`, run.json and as an event."""
+        self._errors += (text,)
+        self.event(self._t_s, Event(Severity.ERROR, "recorder_failed", text))

@@ -1,0 +1,326 @@
+"""The recorder in a process of its own: the control loop hands its entries over and never waits for a disk or a lock.
+
+    loop -> ProcessRecorder -> batches over a local socket -> this module as a program -> Recorder -> run folder
+
+A batch is handed over when a step ends; what the socket does not take waits in a bounded queue, whose oldest batches
+are dropped and counted. A killed controller loses what it had not yet handed over, at most one step; the other end
+then finishes the files by itself. A recorder that dies is noticed at the next step: the loop goes on without a record,
+and the folder says so at the end.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pickle
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections import deque
+from collections.abc import Callable
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+from hil.core.types import Event, Quad, Severity, TickRecord
+from hil.edge.record.record_format import event_line
+from hil.edge.record.recorder import Recorder, RecorderHealth
+from hil.edge.record.run_folder import RunFolder, RunFolderError, Status
+
+if TYPE_CHECKING:  # it takes longer to import than all the rest of the recorder's process
+    import can
+
+LONGEST_BATCH = 200
+"""Entries; some 10 kB, of the 200 kB or more that the socket takes."""
+
+OLDEST_S = 0.05
+"""While no steps are recorded, frames are handed over when the first of a batch is this old."""
+
+LARGEST_MESSAGE = 1 << 20
+FLUSH_S = 0.1
+FLUSHES_PER_TIMELINE = 600
+"""Rerun keeps account of every chunk until the file is closed: sent five times a second they took 4 MB a minute. A
+killed controller costs none of it, since this process goes on and closes the file."""
+GIVE_BACK = {"MIMALLOC_PURGE_DELAY": "0"}
+"""To Rerun's allocator: what it keeps of freed memory for later grew for the first hours of a run."""
+
+START_TIMEOUT_S = 60.0
+CLOSE_TIMEOUT_S = 90.0
+"""For the last writes and Rerun's compaction of its file. The pumps are off by then."""
+
+Entry = tuple[str, tuple[object, ...]]
+Opener = Callable[[], Recorder]
+
+
+class ProcessRecorder:
+    """A `Recorder` in another process, with its methods. No call waits but `open` and `close`. Use as a context.
+
+    The process is started at once, since that takes as long as loading its libraries; `open` tells it which record to
+    make. Use from one thread. capacity : entries that may wait here.
+    """
+
+    def __init__(self, *, capacity: int = 50_000) -> None:
+        self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs:
+            self._process = subprocess.Popen(  # noqa: S603 - ourselves
+                [sys.executable, "-m", "hil.edge.record.recorder_process", str(theirs.fileno())],
+                pass_fds=(theirs.fileno(),),
+                stdin=subprocess.DEVNULL,
+                env={**GIVE_BACK, **os.environ},
+                start_new_session=True,  # Ctrl-C and a closed terminal are the controller's business
+            )
+        self._capacity = capacity
+        self._folder: RunFolder | None = None
+        self._batch: list[Entry] = []
+        self._batch_since_s = 0.0
+        self._queue: deque[tuple[bytes, int]] = deque()
+        self._queued = self._put = self._taken = self._dropped = 0
+        self._errors: tuple[str, ...] = ()
+        self._t_s = 0.0
+        self._lost_at_s: float | None = None
+
+    def __enter__(self) -> ProcessRecorder:
+        """Nothing to do: the process is on its way up."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Let go of the process: without `close`, it leaves the record as that of an interrupted run."""
+        self._socket.close()
+        if self._folder is None:
+            self._process.kill()
+            self._process.wait()
+
+    def open(self, folder: RunFolder, opener: Opener) -> None:
+        """Open the record there. opener : makes the `Recorder`, in that process; it is pickled.
+
+        Raises RunFolderError when it can't.
+        """
+        self._folder = folder
+        self._socket.settimeout(START_TIMEOUT_S)
+        try:
+            self._socket.send(pickle.dumps(opener))
+            answer: Any = pickle.loads(self._socket.recv(LARGEST_MESSAGE) or pickle.dumps("it ended"))  # noqa: S301 - our own child
+        except OSError as error:
+            answer = str(error)
+        if answer is not None:
+            raise RunFolderError(f"the recorder can't be started: {answer}")
+        self._socket.setblocking(False)
+
+    def tick(self, record: TickRecord, true_level_cm: Quad | None = None) -> None:
+        """Hand over one step and all that came before it."""
+        self._t_s = record.t_s
+        self._hear()
+        self._append("tick", record, true_level_cm, self._put - self._taken - self._dropped)
+        self._hand_over()
+
+    def frame(self, timestamp_s: float, arbitration_id: int, data: bytes | bytearray, is_rx: bool = True) -> None:
+        """Note one ordinary frame; `data` must not change before the step ends."""
+        if not self._batch:
+            self._batch_since_s = timestamp_s
+        self._append("frame", timestamp_s, arbitration_id, data, is_rx)
+        if timestamp_s - self._batch_since_s > OLDEST_S or len(self._batch) >= LONGEST_BATCH:
+            self._hand_over()
+
+    def message(self, timestamp_s: float, message: can.Message) -> None:
+        """Note any python-can message."""
+        self._append("message", timestamp_s, message)
+        if len(self._batch) >= LONGEST_BATCH:
+            self._hand_over()
+
+    def event(self, t_s: float, event: Event) -> None:
+        """Hand over one event."""
+        self._append("event", t_s, event)
+        self._hand_over()
+
+    def health(self) -> RecorderHealth:
+        """What has failed, was dropped, and waits here or there."""
+        return RecorderHealth(self._errors, self._dropped, self._put - self._taken - self._dropped)
+
+    def close(
+        self, status: Status, reason: str, *, speed_x: float | None = None, timeout_s: float = CLOSE_TIMEOUT_S
+    ) -> None:
+        """Finish the record. A recorder that is lost, or stuck for so long, is left behind and `run.json` says so."""
+        self._hand_over()
+        end_s = time.monotonic() + timeout_s
+        while self._queue and self._lost_at_s is None and time.monotonic() < end_s:
+            select.select([], [self._socket], [], 0.1)
+            self._send()
+        if self._lost_at_s is None:
+            self._append("close", status, reason, speed_x, self._dropped)
+            self._hand_over()
+            self._await_end(end_s)
+        if self._lost_at_s is not None:
+            self._finish_without(status, reason, speed_x)
+
+    def _append(self, name: str, *arguments: object) -> None:
+        self._batch.append((name, arguments))
+
+    def _hand_over(self) -> None:
+        """Queue the batch, send what is taken, drop the oldest batches that are too many."""
+        if self._batch:
+            self._queue.append((pickle.dumps(self._batch, pickle.HIGHEST_PROTOCOL), len(self._batch)))
+            self._put += len(self._batch)
+            self._queued += len(self._batch)
+            self._batch.clear()
+        self._send()
+        while self._queued > self._capacity:
+            self._drop()
+
+    def _drop(self) -> None:
+        _, count = self._queue.popleft()
+        self._queued -= count
+        self._dropped += count
+
+    def _send(self) -> None:
+        while self._queue:
+            if self._lost_at_s is not None:
+                self._drop()
+                continue
+            try:
+                self._socket.send(self._queue[0][0])
+            except BlockingIOError:
+                return
+            except OSError as error:
+                self._lose(f"the recorder is lost: {error.strerror}")
+                continue
+            self._queued -= self._queue.popleft()[1]
+
+    def _hear(self) -> None:
+        """Take what the recorder says of itself: entries taken, what has failed."""
+        if self._lost_at_s is not None:
+            return
+        with contextlib.suppress(BlockingIOError):
+            try:
+                while data := self._socket.recv(LARGEST_MESSAGE):
+                    self._taken, self._errors = pickle.loads(data)  # noqa: S301 - our own child
+                self._lose("the recorder is lost: it ended")
+            except ConnectionError as error:
+                self._lose(f"the recorder is lost: {error.strerror}")
+
+    def _lose(self, text: str) -> None:
+        self._lost_at_s = self._t_s
+        self._errors += (text,)
+
+    def _await_end(self, end_s: float) -> None:
+        try:
+            code = self._process.wait(max(end_s - time.monotonic(), 0.0))
+        except subprocess.TimeoutExpired:
+            self._lose("the recorder is stuck and left behind")
+            self._process.kill()
+            return
+        if code != 0:
+            self._lose(f"the recorder ended with {code}")
+            return
+        with contextlib.suppress(OSError):
+            while data := self._socket.recv(LARGEST_MESSAGE):
+                self._taken, self._errors = pickle.loads(data)  # noqa: S301 - our own child
+
+    def _finish_without(self, status: Status, reason: str, speed_x: float | None) -> None:
+        """Say in the folder what its recorder no longer could; a disk that takes no more is no news."""
+        if self._folder is None:
+            return
+        text = self._errors[-1]
+        data: dict[str, object] = {"dropped": self._dropped}
+        event = Event(Severity.ERROR, "recorder_lost", text, data)
+        troubles = {"errors": list(self._errors), "dropped": self._dropped}
+        with contextlib.suppress(OSError, RunFolderError):
+            with self._folder.events_path.open("a", encoding="utf-8", newline="\n") as file:
+                file.write(event_line(self._lost_at_s or 0.0, event))
+            self._folder.finish(status, reason, speed_x=speed_x, recorder=troubles)
+
+
+class _Writer:
+    """The other end: entries as they come, files flushed ten times a second."""
+
+    def __init__(self, recorder: Recorder, line: socket.socket) -> None:
+        self._recorder, self._line = recorder, line
+        self._taken = self._rounds = 0
+        self._told: object = None
+        self._has_failed_entry = False
+        self._is_closed = False
+
+    def work(self) -> None:
+        """Until told to close, or until the controller is gone."""
+        flush_at_s = time.monotonic() + FLUSH_S
+        while not self._is_closed:
+            remaining_s = flush_at_s - time.monotonic()
+            if remaining_s > 0.0:
+                if select.select([self._line], [], [], remaining_s)[0]:
+                    data = self._heard()
+                    if not data:
+                        break
+                    self._take(pickle.loads(data))  # noqa: S301 - from our own parent
+                continue
+            self._flush()
+            flush_at_s = time.monotonic() + FLUSH_S
+        if not self._is_closed:
+            self._recorder.abandon()
+
+    def _heard(self) -> bytes:
+        """The next batch; empty when the controller is gone and all that it had sent is taken."""
+        try:
+            return self._line.recv(LARGEST_MESSAGE)
+        except ConnectionResetError:  # said once, ahead of what still waits, when it went without hearing our news
+            return self._line.recv(LARGEST_MESSAGE)
+
+    def _take(self, batch: list[Entry]) -> None:
+        for name, arguments in batch:
+            self._taken += 1
+            try:
+                if name == "close":
+                    self._close(*arguments)  # type: ignore[arg-type]
+                else:
+                    getattr(self._recorder, name)(*arguments)
+            except Exception as error:  # noqa: BLE001 - one entry that can't be written must not end the record
+                if not self._has_failed_entry:
+                    self._has_failed_entry = True
+                    self._recorder.note_failure(f"an entry could not be written: {type(error).__name__}: {error}")
+
+    def _close(self, status: Status, reason: str, speed_x: float | None, dropped: int) -> None:
+        self._is_closed = True
+        if dropped:
+            text = f"the record has gaps: the queue was full, {dropped} entries dropped"
+            self._recorder.event(0.0, Event(Severity.WARNING, "record_dropped", text, {"dropped": dropped}))
+        self._recorder.close(status, reason, speed_x=speed_x, dropped=dropped)
+        self._tell()
+
+    def _flush(self) -> None:
+        self._rounds += 1
+        if self._rounds % FLUSHES_PER_TIMELINE == 0:
+            self._recorder.flush()
+        else:
+            self._recorder.flush_files()
+        self._tell()
+
+    def _tell(self) -> None:
+        news = (self._taken, self._recorder.health().errors)
+        if news != self._told:
+            self._told = news
+            with contextlib.suppress(OSError):  # a controller that is stopped or gone hears nothing
+                self._line.send(pickle.dumps(news), socket.MSG_DONTWAIT)
+
+
+def main(descriptor: int) -> int:
+    """Serve one controller, on a socket that it has left us."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)  # the record ends when the controller says so, or is gone
+    with socket.socket(fileno=descriptor) as line:
+        data = line.recv(LARGEST_MESSAGE)
+        if not data:
+            return 0
+        try:
+            recorder = pickle.loads(data)()  # noqa: S301 - from our own parent
+        except Exception as error:  # noqa: BLE001 - whatever it is, the controller says it in one line
+            line.send(pickle.dumps(f"{error}"))
+            return 1
+        line.send(pickle.dumps(None))
+        _Writer(recorder, line).work()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(int(sys.argv[1])))

@@ -1,0 +1,280 @@
+"""The run as a Rerun recording, `run.rrd`: every series on the timeline `run_time`, with the layout it opens in.
+
+Rows are gathered and sent by columns, one chunk for each entity: some twenty times cheaper than single calls. What is
+drawn together shares an entity, because each chunk costs about 1.1 kB of file however few rows it has. A live run,
+which sends small chunks so that little is lost when it is killed, is compacted at its end.
+
+The file format is young; `ticks.csv`, `can.log` and `events.jsonl` are the primary record.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import rerun as rr
+import rerun.blueprint as rrb
+
+from hil.core.types import Event, Mode
+from hil.edge.record.record_format import COLUMNS, Row
+
+TIMELINE = "run_time"
+_NONE = "none"
+_MODE, _THETA1, _THETA2 = (COLUMNS.index(column) for column in ("mode", "theta1", "theta2"))
+FLUSH_TIMEOUT_S = 2.0
+HEALTHY_FROM, DEAD_BELOW = 0.995, 0.05  # effectiveness
+
+# One look for the whole record, for the viewer's dark ground: the measured is dim, the believed or done is bright, the
+# asked for is white or grey.
+WHITE, GREY, DIM = 0xF2F5F7FF, 0x8A97A6FF, 0x48698AFF
+BLUE, ORANGE, GREEN, PURPLE, AMBER = 0x58A6E8FF, 0xF08A4BFF, 0x5FC27EFF, 0xB08CDEFF, 0xE3B341FF
+CALM, WARM, ALERT = 0x2F6B46FF, 0x8A6D1FFF, 0x97302AFF  # grounds of the states, under white text
+QUIET, LEAVING, BY_HAND = 0x3A424BFF, 0x5D4A80FF, 0x2F7F86FF
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """Columns of the tick table drawn together: entity path, columns, names with units, colours, widths in points."""
+
+    entity: str
+    columns: tuple[str, ...]
+    names: tuple[str, ...]
+    colors: tuple[int, ...]
+    widths: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class RunCard:
+    """What identifies the run: the title, its facts for the recording's properties, and a Markdown text."""
+
+    recording_id: str
+    facts: dict[str, str]
+    markdown: str
+
+
+def series(with_truth: bool) -> tuple[Series, ...]:
+    """All series of a recording. with_truth : whether the emulator's levels are known."""
+    listed = [_level(tank, with_truth) for tank in (1, 2, 3, 4)]
+    for pump in (1, 2):
+        columns = tuple(f"v{pump}_{kind}V" for kind in ("operating_", "raw_", "applied_", ""))
+        names = tuple(f"pump {pump} {kind} [V]" for kind in ("operating point", "raw", "applied", "command"))
+        listed.append(
+            Series(
+                f"pumps/pump{pump}",
+                columns,
+                names,
+                (GREY, AMBER, GREEN, BLUE if pump == 1 else ORANGE),
+                (1, 1, 2, 1.5),
+            )
+        )
+        gains = tuple(f"K{pump}{column}" for column in range(1, 7))
+        units = ("V/cm",) * 4 + ("1/s",) * 2
+        labels = tuple(f"{gain} [{unit}]" for gain, unit in zip(gains, units, strict=True))
+        listed.append(
+            Series(
+                f"control/gain_pump{pump}",
+                gains,
+                labels,
+                (BLUE, ORANGE, GREEN, PURPLE, WHITE, GREY),
+                (1.5,) * 6,
+            )
+        )
+    pairs = (
+        (
+            "pumps/effectiveness",
+            ("theta1", "theta2"),
+            ("pump 1 effectiveness [1]", "pump 2 effectiveness [1]"),
+        ),
+        ("control/integral", ("q1_Vs", "q2_Vs"), ("integral 1 [V s]", "integral 2 [V s]")),
+        ("control/iae", ("iae1_Vs", "iae2_Vs"), ("IAE so far, output 1 [V s]", "IAE so far, output 2 [V s]")),
+        ("bench/age", ("levels_age_s", "status_age_s"), ("age of levels [s]", "age of pump status [s]")),
+        ("bench/trouble", ("rejected", "skipped"), ("frames rejected", "periods skipped")),
+    )
+    listed += [Series(entity, columns, names, (BLUE, ORANGE), (1.5, 1.5)) for entity, columns, names in pairs]
+    listed.append(Series("bench/lateness", ("lateness_s",), ("lateness [s]",), (BLUE,), (1.5,)))
+    if not with_truth:
+        listed.append(Series("bench/latency", ("latency_s",), ("newest frame to command [s]",), (BLUE,), (1.5,)))
+        listed.append(Series("bench/recorder_queue", ("recorder_queue",), ("entries waiting",), (BLUE,), (1.5,)))
+    listed.append(Series("bench/accepted", ("accepted",), ("frames accepted",), (BLUE,), (1.5,)))
+    listed.append(Series("bench/mode", ("mode",), ("mode, as its number",), (WHITE,), (1.5,)))
+    return tuple(listed)
+
+
+def _level(tank: int, with_truth: bool) -> Series:
+    parts = [(f"h{tank}_V", "measured", DIM, 1.0)]
+    if with_truth:
+        parts.append((f"true_h{tank}_cm", "true", GREEN, 1.5))
+    parts.append((f"h{tank}_est_V", "estimate", BLUE, 1.5))
+    if tank <= 2:
+        parts += [(f"r{tank}_V", "asked for", GREY, 1.5), (f"target{tank}_V", "in force", WHITE, 1.5)]
+    columns, kinds, colors, widths = zip(*parts, strict=True)
+    return Series(f"levels/tank{tank}", columns, tuple(f"h{tank} {kind} [V]" for kind in kinds), colors, widths)
+
+
+class RerunLog:
+    """A `Timeline` for the recorder. Building it writes the static parts: half a second, before the loop.
+
+    batch_ticks : steps gathered before they are sent by themselves; `flush` sends what there is.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        card: RunCard,
+        *,
+        level_gain_V_cm: float,
+        with_truth: bool,
+        blueprint: rrb.Blueprint | None = None,
+        batch_ticks: int = 250,
+        compact_at_close: bool = False,
+    ) -> None:
+        self._path, self._compact_at_close = path, compact_at_close
+        self._to_V = np.array([level_gain_V_cm if column.startswith("true_h") else 1.0 for column in COLUMNS])
+        self._series = tuple(
+            (one.entity, [COLUMNS.index(column) for column in one.columns]) for one in series(with_truth)
+        )
+        self._table = np.empty((batch_ticks, len(COLUMNS)))
+        self._filled = 0
+        self._events: list[tuple[float, Event]] = []
+        self._states: dict[str, list[tuple[float, str]]] = {}
+        self._state_now: dict[str, str] = {}
+        self._state_key: tuple[float, float, float] | None = None
+        self._recording = rr.RecordingStream("fourtank-hil", recording_id=card.recording_id)
+        self._recording.save(path, default_blueprint=blueprint)
+        self._log_static(card, with_truth)
+
+    def tick(self, row: Row) -> None:
+        """Take one step; see `hil.edge.record.recorder.Timeline`."""
+        key = (row[_MODE], row[_THETA1], row[_THETA2])
+        if key != self._state_key:
+            self._note_states(row[0], key)
+        self._table[self._filled] = row
+        self._filled += 1
+        if self._filled == len(self._table):
+            self._send()
+
+    def event(self, t_s: float, event: Event) -> None:
+        """Take one event: a line of the log; alarms and trips become states, too."""
+        self._events.append((t_s, event))
+        if event.code == "alarm":
+            text = f"{event.data.get('kind')} {event.data.get('target')}"
+            earlier = self._states.get("states/alarm", [])
+            if earlier and earlier[-1][0] == t_s and earlier[-1][1] != _NONE:
+                text = f"{earlier.pop()[1]} + {text}"
+            self._set_state("states/alarm", t_s, text)
+        elif event.code == "trip":
+            self._set_state("states/trip", t_s, str(event.data.get("cause")))
+
+    def _note_states(self, t_s: float, key: tuple[float, float, float]) -> None:
+        """The mode or a pump's health has changed at this step; a trip's state ends when its mode is left."""
+        mode, *effectiveness = key
+        has_left_trip = self._state_key is not None and self._state_key[0] == Mode.TRIPPED and mode != Mode.TRIPPED
+        self._state_key = key
+        self._set_state("states/mode", t_s, Mode(int(mode)).name)
+        for pump, share in enumerate(effectiveness, start=1):
+            self._set_state(f"states/pump{pump}", t_s, _pump_state(share))
+        if "states/alarm" not in self._state_now:
+            self._set_state("states/alarm", t_s, _NONE)
+        if has_left_trip or "states/trip" not in self._state_now:
+            self._set_state("states/trip", t_s, _NONE)
+
+    def flush(self) -> None:
+        """Send what was gathered and see it on its way to the disk; raises when the disk does not take it."""
+        self._send()
+        self._recording.flush(timeout_sec=FLUSH_TIMEOUT_S)
+
+    def close(self) -> None:
+        """Send the rest and finalise the file."""
+        self.flush()
+        self._recording.disconnect()
+        if self._compact_at_close:
+            compact(self._path)
+
+    def _log_static(self, card: RunCard, with_truth: bool) -> None:
+        for one in series(with_truth):
+            zoomed_out = "Max" if one.entity.startswith("bench/") else "Average"  # the viewer shows rare peaks, too
+            look = rr.SeriesLines(
+                names=one.names,
+                colors=np.array(one.colors, dtype=np.uint32),
+                widths=one.widths,
+                aggregation_policy=rr.components.AggregationPolicy.auto(zoomed_out),
+            )
+            self._recording.log(one.entity, look, static=True)
+        for entity, (values, labels, colors) in _STATES.items():
+            style = rr.StateConfiguration(values=values, labels=labels, colors=np.array(colors, dtype=np.uint32))
+            self._recording.log(entity, style, static=True)
+        self._recording.log("card", rr.TextDocument(card.markdown, media_type=rr.MediaType.MARKDOWN), static=True)
+        if card.facts:
+            self._recording.send_property("run", rr.AnyValues(drop_untyped_nones=True, **card.facts))
+
+    def _send(self) -> None:
+        if self._filled:
+            table, self._filled = self._table[: self._filled], 0
+            times = _times(table[:, 0])
+            for entity, columns in self._series:
+                values = table[:, columns] * self._to_V[columns]
+                self._recording.send_columns(entity, [times], rr.Scalars.columns(scalars=values))
+        for entity, changes in self._states.items():
+            self._send_changes(entity, changes)
+        self._states.clear()
+        if self._events:
+            times = _times(np.array([t_s for t_s, _ in self._events]))
+            texts = [f"{event.code}: {event.text}" for _, event in self._events]
+            levels = [str(event.severity) for _, event in self._events]
+            self._events.clear()
+            self._recording.send_columns("log", [times], rr.TextLog.columns(text=texts, level=levels))
+
+    def _send_changes(self, entity: str, changes: Sequence[tuple[float, str]]) -> None:
+        times = _times(np.array([t_s for t_s, _ in changes]))
+        self._recording.send_columns(entity, [times], rr.StateChange.columns(state=[state for _, state in changes]))
+
+    def _set_state(self, entity: str, t_s: float, state: str) -> None:
+        if self._state_now.get(entity) != state:
+            self._state_now[entity] = state
+            self._states.setdefault(entity, []).append((t_s, state))
+
+
+_PUMP_STATES = (("nominal", "reduced", "dead"), ("nominal", "reduced", "dead"), (CALM, WARM, ALERT))
+_STATES: dict[str, tuple[tuple[str, ...], tuple[str, ...], tuple[int, ...]]] = {
+    "states/mode": (
+        tuple(mode.name for mode in Mode),
+        tuple(mode.name.lower() for mode in Mode),
+        (QUIET, DIM, CALM, WARM, LEAVING, ALERT, BY_HAND),
+    ),
+    "states/pump1": _PUMP_STATES,
+    "states/pump2": _PUMP_STATES,
+    "states/alarm": ((_NONE,), ("no alarm",), (QUIET,)),
+    "states/trip": ((_NONE,), ("no trip",), (QUIET,)),
+}
+
+
+def _pump_state(effectiveness: float) -> str:
+    if effectiveness >= HEALTHY_FROM:
+        return "nominal"
+    return "dead" if effectiveness < DEAD_BELOW else "reduced"
+
+
+def _times(times_s: Floats) -> rr.TimeColumn:
+    nanoseconds = np.round(times_s * 1e9).astype("timedelta64[ns]")
+    return rr.TimeColumn(TIMELINE, duration=nanoseconds)
+
+
+def compact(path: Path, timeout_s: float = 60.0) -> None:
+    """Merge the file's small chunks with Rerun's own tool; a killed run's file becomes a whole one by it, too.
+
+    Raises OSError or subprocess.SubprocessError; the file is then as it was.
+    """
+    merged = path.with_name(f".{path.name}.tmp")
+    command = [sys.executable, "-m", "rerun_cli", "rrd", "optimize", str(path), "-o", str(merged)]
+    try:
+        subprocess.run(command, check=True, capture_output=True, timeout=timeout_s)  # noqa: S603 - our own paths
+        merged.replace(path)
+    finally:
+        merged.unlink(missing_ok=True)

@@ -1,0 +1,1 @@
+"""What `hil doctor` and `hil conformance` share: listening to a bus, sending single commands, results."""

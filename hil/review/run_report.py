@@ -1,0 +1,264 @@
+"""The report of a run, `report.html`: one file that needs nothing else, for a screen, a phone or paper."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from hil.edge.record.run_folder import Manifest, RunFolder, write_atomically
+from hil.review import page, run_figures, table3
+from hil.review.kpi import Kpi, evaluate, level_gain, output_levels
+from hil.review.ticks import LoggedEvent, Ticks, read
+
+MOST_EVENTS = 400
+BROKEN = {
+    "overflow": "A level reached the rim.",
+    "dry_run": "A pump ran on without water.",
+    "applied_out_of_range": "A pump's voltage was out of its range.",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A run as read back."""
+
+    manifest: Manifest
+    ticks: Ticks
+    events: Sequence[LoggedEvent]
+    kpi: Kpi
+
+    @property
+    def strategy(self) -> str:
+        """The strategy's name, as the paper has it."""
+        return "gains reconfigured" if self.manifest.plan.reconfigure else "gains kept"
+
+
+def write_report(folder: RunFolder, compare: RunFolder | None = None) -> Path:
+    """Write `report.html` into the folder and say where. compare : a second run, drawn into the same figures.
+
+    Raises RunFolderError when a record cannot be read.
+    """
+    run = _load(folder)
+    other = None if compare is None else _load(compare)
+    write_atomically(folder.report_path, render(run, other))
+    return folder.report_path
+
+
+def render(run: Run, other: Run | None = None) -> str:
+    """The page's HTML."""
+    plan = run.manifest.plan
+    runs = [run] if other is None else [run, other]
+    is_papers = all(table3.applies_to(one.kpi) and not _is_cut_short(one) for one in runs)
+    body = "".join(
+        (
+            _header(run.manifest),
+            _cards(run.kpi, is_live=plan.mode == "live"),
+            page.section("Table 3 of the paper", _paper_table(runs) if is_papers else ""),
+            page.section("Integral of the absolute error", "" if is_papers else _iae_table(runs)),
+            page.section("Alarms and trips", _alarm_table(run.kpi)),
+            page.section("Figures", _figures(run, other)),
+            page.section("Events", _event_table(run.events)),
+            page.section("Configuration", _configuration(run.manifest)),
+        )
+    )
+    return page.document(f"{plan.scenario}: {run.manifest.outcome}", body)
+
+
+def _load(folder: RunFolder) -> Run:
+    manifest = folder.manifest()
+    ticks, events = read(folder)
+    return Run(manifest, ticks, events, evaluate(manifest, ticks, events))
+
+
+def _header(manifest: Manifest) -> str:
+    plan = manifest.plan
+    reason = manifest.reason or (
+        "The process ended without writing down how; all that was recorded until then is here."
+        if manifest.status == "running"
+        else ""
+    )
+    facts = [
+        ("started", _moment(manifest.started_utc)),
+        ("ended", _moment(manifest.ended_utc)),
+        ("mode", plan.mode),
+        ("control period", f"{plan.period_s:g} s"),
+        ("seed", "none" if plan.seed is None else str(plan.seed)),
+        *((name, version) for name, version in manifest.versions.items()),
+    ]
+    if manifest.speed_x is not None:
+        facts.insert(2, ("speed", f"{manifest.speed_x:.3g} × real time"))
+    title = f"<h1>{page.escape(plan.scenario)}{page.badge(manifest.outcome)}</h1>"
+    return f'<header>{title}<p class="soft">{page.escape(reason)}</p>{page.facts(facts)}</header>\n'
+
+
+def _cards(kpi: Kpi, *, is_live: bool) -> str:
+    duration = f"{kpi.duration_s:.1f} s"
+    pairs = [
+        ("recorded", duration),
+        ("control steps", f"{kpi.ticks}"),
+        ("periods skipped", f"{kpi.skipped}"),
+        ("frames rejected", f"{kpi.rejected}"),
+        ("largest applied voltage", f"{_number(_largest(kpi.applied_max_V), 3)} V"),
+        ("highest level", f"{_number(_largest(kpi.level_max_cm), 4)} cm"),
+        ("lateness, 99 % of steps", _milliseconds(kpi.lateness_s["p99"]) if is_live else "none, simulated"),
+        *([("frame to command, 99 % of steps", _milliseconds(kpi.latency_s["p99"]))] if is_live else []),
+        ("alarms, trips", f"{len(kpi.alarms)}, {len(kpi.trips)}"),
+    ]
+    if kpi.false_alarms is not None and kpi.spurious_alarms is not None:
+        pairs.append(("false alarms, spurious ones", f"{kpi.false_alarms}, {kpi.spurious_alarms}"))
+    if kpi.iae_after_fault_Vs is not None:
+        first_Vs, second_Vs = kpi.iae_after_fault_Vs
+        pairs.append(("IAE after the fault, outputs 1, 2", f"{first_Vs:.3g}, {second_Vs:.3g} V s"))
+    troubles = [text for name, text in BROKEN.items() if getattr(kpi, name)]
+    troubles += kpi.recorder.get("errors", [])
+    if kpi.recorder.get("dropped"):
+        troubles.append(f"{kpi.recorder['dropped']} entries of the record were dropped")
+    return page.cards(pairs) + "".join(f'<p class="ERROR">{page.escape(text)}</p>' for text in troubles)
+
+
+def _paper_table(runs: Sequence[Run]) -> str:
+    rows = []
+    for line in table3.lines(*(run.kpi for run in reversed(runs))):
+        cells = [line.window, line.strategy]
+        for index in (0, 1):
+            ours_Vs = None if line.ours_Vs is None else line.ours_Vs[index]
+            paper_Vs = line.paper_Vs[index]
+            cells += [table3.cell(paper_Vs), table3.cell(ours_Vs), table3.deviation(ours_Vs, paper_Vs)]
+        rows.append(cells)
+    heads = ["window", "strategy", *("output 1, paper", "here", ""), *("output 2, paper", "here", "")]
+    sources = {"truth": "the true levels", "estimate": "the estimated levels"}
+    named = " and ".join(sorted({sources[run.kpi.iae_source] for run in runs}))
+    note = f'<p class="soft">Integral of the absolute error in V s, from {page.escape(named)}.</p>'
+    return page.table(heads, rows, numeric=frozenset(range(2, 8))) + note
+
+
+def _is_cut_short(run: Run) -> bool:
+    return any(
+        run.kpi.iae_covered_s[window.name] < window.to_s - window.from_s - 1e-6 for window in run.manifest.plan.windows
+    )
+
+
+def _iae_table(runs: Sequence[Run]) -> str:
+    rows = []
+    for run in runs:
+        spans = {window.name: window for window in run.manifest.plan.windows}
+        for name, (first_Vs, second_Vs) in run.kpi.iae_Vs.items():
+            covered_s = run.kpi.iae_covered_s[name]
+            span = f"{spans[name].from_s:g} to {spans[name].to_s:g} s"
+            if covered_s < spans[name].to_s - spans[name].from_s - 1e-6:
+                span += f", {covered_s:.1f} s of it recorded"
+            rows.append([name, run.strategy, span, f"{first_Vs:.4g}", f"{second_Vs:.4g}", run.kpi.iae_source])
+    if not rows:
+        return ""
+    heads = ["window", "strategy", "span", "output 1 [V s]", "output 2 [V s]", "level from"]
+    return page.table(heads, rows, numeric=frozenset((3, 4)))
+
+
+def _alarm_table(kpi: Kpi) -> str:
+    rows = [
+        [
+            _number(alarm["detected_s"], 5),
+            f"{alarm['kind']} {alarm['target']}",
+            _with_spread(alarm["size"], alarm["size_std"]),
+            _number(alarm["onset_s"], 5),
+            _number(alarm["isolated_s"], 5),
+            ", ".join(alarm["candidates"]),
+        ]
+        for alarm in kpi.alarms
+    ]
+    rows += [[_number(trip["t_s"], 5), f"trip: {trip['cause']}", trip["text"], "", "", ""] for trip in kpi.trips]
+    if not rows:
+        return '<p class="soft">None.</p>'
+    heads = ["time [s]", "what", "size", "onset [s]", "isolated [s]", "candidates"]
+    return page.table(heads, rows, numeric=frozenset())
+
+
+def _with_spread(size: Any, std: Any) -> str:
+    return f"{_number(size, 3)} ± {_number(std, 2)}" if isinstance(std, float) and std > 0.0 else _number(size, 3)
+
+
+def _figures(run: Run, other: Run | None) -> str:
+    if len(run.ticks) == 0:
+        return '<p class="soft">No control step was recorded.</p>'
+    names = _trace_names(run, other)
+    traces = [_trace(run, names[0], run_figures.BLUE)]
+    if other is not None and len(other.ticks):
+        traces.append(_trace(other, names[1], run_figures.ORANGE))
+    gain_V_cm = level_gain(run.manifest.plan.settings)
+    source = "true levels" if run.ticks.has_truth else "estimated levels"
+    with run_figures.style():
+        parts = [
+            ("Figure 2.", "Gain of the pumps, as diagnosed.", run_figures.actuator_gains(traces[0])),
+            ("Upper tanks.", "Levels of tanks 3 and 4.", run_figures.upper_tanks(traces[0], gain_V_cm)),
+            ("Figure 3.", f"Output 1 and its reference ({source}).", run_figures.output(1, traces)),
+            ("Figure 4.", f"Output 2 and its reference ({source}).", run_figures.output(2, traces)),
+            ("Figure 5.", "Command signals.", run_figures.commands(traces)),
+            ("Error.", "Its integral so far; output 2 dashed.", run_figures.error_so_far(traces)),
+        ]
+        if run.manifest.plan.mode == "live":
+            parts.append(("Timing.", "How late the control steps began.", run_figures.lateness(traces[0])))
+    return '<div class="figures">' + "".join(page.figure(svg, title, text) for title, text, svg in parts) + "</div>\n"
+
+
+def _trace_names(run: Run, other: Run | None) -> tuple[str, str]:
+    if other is None or other.strategy != run.strategy:
+        return run.strategy, "" if other is None else other.strategy
+    return f"this run, {run.strategy}", f"compared run, {other.strategy}"
+
+
+def _trace(run: Run, name: str, color: str) -> run_figures.Trace:
+    plan = run.manifest.plan
+    outputs_V = output_levels(run.ticks, level_gain(plan.settings))
+    return run_figures.Trace(name, color, run.ticks, outputs_V, run.events, injected_pump_faults(plan.copies))
+
+
+def injected_pump_faults(copies: Any) -> dict[int, list[tuple[float, float]]]:
+    """The pump faults that the scenario's copy asks for: pump -> (time in s, share of the gain left), by time."""
+    faults: dict[int, list[tuple[float, float]]] = {}
+    for text in copies.values():
+        try:
+            listed = tomllib.loads(text).get("fault", [])
+        except tomllib.TOMLDecodeError:
+            continue
+        for fault in listed if isinstance(listed, list) else []:
+            if fault.get("kind") == "pump_effectiveness":
+                faults.setdefault(int(fault["target"]), []).append((float(fault["at_s"]), float(fault["value"])))
+    return {pump: sorted(changes) for pump, changes in faults.items()}
+
+
+def _event_table(events: Sequence[LoggedEvent]) -> str:
+    shown = events[:MOST_EVENTS]
+    rows = [[f"{event.t_s:.2f}", event.severity, event.code, event.text] for event in shown]
+    note = ""
+    if len(events) > len(shown):
+        note = f'<p class="soft">{len(events) - len(shown)} more are in events.jsonl.</p>'
+    heads = ["time [s]", "", "event", "what happened"]
+    return page.table(heads, rows, classes=[event.severity for event in shown]) + note if rows else ""
+
+
+def _configuration(manifest: Manifest) -> str:
+    plan = manifest.plan
+    folds = [page.fold(name, text) for name, text in plan.copies.items()]
+    return "".join(folds) + page.fold("merged settings", json.dumps(plan.settings, indent=2, ensure_ascii=False))
+
+
+def _moment(utc: str | None) -> str:
+    return "unknown" if utc is None else datetime.fromisoformat(utc).strftime("%Y-%m-%d %H:%M:%S UTC")
+
+
+def _largest(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return max(known) if known else None
+
+
+def _number(value: Any, digits: int) -> str:
+    return f"{value:.{digits}g}" if isinstance(value, (int, float)) else "–"
+
+
+def _milliseconds(value_s: float | None) -> str:
+    return "–" if value_s is None else f"{value_s * 1e3:.3g} ms"
