@@ -50,7 +50,7 @@ test-long: $(READY)  ## simulated hours, two thousand pairs of faults, mutants: 
 mutants: $(READY)  ## every small change of supervisor, interlocks and wire checks must fail a test
 	$(BIN)/python -m tools.mutants
 
-benchmarks: $(READY)  ## timings as ratios, for docs/benchmarks.md
+benchmarks: $(READY)  ## timings as ratios, for docs/reference/benchmarks.md
 	$(BIN)/python -m tools.benchmark
 
 lock: $(READY)   ## pin anew what pyproject.toml asks for (needs uv)

@@ -1,4 +1,4 @@
-"""The campaign file: which scenarios, which seeds, what is laid over them, which faults. See docs/campaign.md."""
+"""The campaign file: scenarios, seeds, overlays and faults. See docs/how-to/campaign.md."""
 
 from __future__ import annotations
 

@@ -220,7 +220,7 @@ def conformance(
     ] = None,
     config: ConfigDir = None,
 ) -> None:
-    """Test the nodes on a bench against docs/firmware.md, as the emulator is tested. Moves no pump unasked."""
+    """Test the nodes on a bench against docs/reference/firmware.md. Moves no pump without --with-pumps."""
     from hil.cli import conformance_command as examination
     from hil.probe.bus_probe import InterruptedByUserError
 

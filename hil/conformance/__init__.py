@@ -1,1 +1,1 @@
-"""Whether a real node does what docs/firmware.md asks of it: the tests that the emulator passes, over the bus."""
+"""Tests over the bus whether a real node meets docs/reference/firmware.md. The emulator passes the same tests."""

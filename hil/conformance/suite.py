@@ -1,4 +1,4 @@
-"""All conformance tests by name, in their order, and how a node fared. docs/firmware.md has what each asks for."""
+"""All conformance tests by name, in order, and their results. docs/reference/firmware.md describes each test."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LISTEN_S = 5.0
 PERIOD_TOLERANCE = 0.05
 TRIES = 3
 STILL = 2.0
-SEE = "docs/firmware.md"
+SEE = "docs/reference/firmware.md"
 
 COMMANDS: tuple[tuple[str, Question], ...] = (
     ("takes valid commands", command_tests.takes_valid),

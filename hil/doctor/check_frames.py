@@ -81,7 +81,7 @@ def check_integrity(observation: Observation, name: str) -> Result:
         return passed(check, found)
     is_counter = any(why in COUNTERS for why in refused)
     if share >= LOSS_FAIL:
-        advice = "its counter must rise by one from frame to frame (docs/wire.md)" if is_counter else WIRING
+        advice = "its counter must rise by one from frame to frame (docs/reference/wire.md)" if is_counter else WIRING
         return failed(check, found, advice)
     return warned(check, found, WIRING)
 

@@ -116,15 +116,15 @@ def _state(status: Arrival) -> NodeState:
 def check_watchdog(timing: WatchdogTiming, check: str = "watchdog") -> Result:
     """Whether the node latches 250 ms after the last command."""
     if timing.problem:
-        return failed(check, timing.problem, "never let this node drive pumps (docs/firmware.md, watchdog)")
+        return failed(check, timing.problem, "never let this node drive pumps (docs/reference/firmware.md, watchdog)")
     low_s, high_s = timing.runs_until_s, timing.tripped_by_s
     if low_s == float("-inf"):
         return warned(check, "it trips, but status frames came too unevenly to time it", "look again on a quiet host")
     found = f"trips within {low_s * 1e3:.0f} to {high_s * 1e3:.0f} ms; wants {WATCHDOG_S * 1e3:g} ms"
     if low_s > WATCHDOG_S + TOLERANCE_S:
-        return failed(check, found, "too late: pumps run on without a controller (docs/firmware.md)")
+        return failed(check, found, "too late: pumps run on without a controller (docs/reference/firmware.md)")
     if high_s < WATCHDOG_S - TOLERANCE_S:
-        return failed(check, found, "too early: it will trip in a run (docs/firmware.md)")
+        return failed(check, found, "too early: it will trip in a run (docs/reference/firmware.md)")
     if not timing.is_measured:
         return warned(check, found, "status frames came too unevenly: look again on a quiet host")
     return passed(check, found)

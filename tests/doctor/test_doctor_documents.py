@@ -58,13 +58,13 @@ def database():
 
 
 def test_every_cause_of_a_trip_is_explained_once():
-    assert [plain(row[0]) for row in rows_of("operating.md", "cause")] == [cause.value for cause in TripCause]
+    assert [plain(row[0]) for row in rows_of("how-to/operating.md", "cause")] == [cause.value for cause in TripCause]
     assert {interlock.cause for interlock in INTERLOCKS} <= set(TripCause)
 
 
 def test_settings_named_for_a_trip_are_the_rig_file_s():
     rig = tomllib.loads((ROOT / "config/rig.toml").read_text())
-    for _, what, _ in rows_of("operating.md", "cause"):
+    for _, what, _ in rows_of("how-to/operating.md", "cause"):
         section = ""
         for name in re.findall(r"`([a-zA-Z_.]+)(?: = [^`]*)?`", what):
             section, _, key = name.rpartition(".") if "." in name else (section, "", name)
@@ -86,13 +86,13 @@ def event_codes():
 
 
 def test_every_event_code_is_explained_once():
-    explained = [plain(row[0]) for row in rows_of("operating.md", "code")]
+    explained = [plain(row[0]) for row in rows_of("how-to/operating.md", "code")]
     assert len(explained) == len(set(explained))
     assert set(explained) == event_codes()
 
 
 def test_every_exit_code_is_explained_once():
-    explained = [(plain(row[0]), int(row[1])) for row in rows_of("operating.md", "program")]
+    explained = [(plain(row[0]), int(row[1])) for row in rows_of("how-to/operating.md", "program")]
     of_hil = {0, app.EXIT_BAD_INPUT, campaign_command.EXIT_BROKEN, result_table.EXIT_FAILED}
     of_hil |= {*app.EXIT_CODES.values(), *app.SIGNAL_EXIT_CODES.values()}
     of_emulator = {0, firmware_sim.cli.FAILED, firmware_sim.cli.BAD_INPUT}
@@ -101,7 +101,7 @@ def test_every_exit_code_is_explained_once():
 
 
 def test_frames_are_the_dbc_s():
-    rows = rows_of("wire.md", "frame", "identifier")
+    rows = rows_of("reference/wire.md", "frame", "identifier")
     assert {plain(row[0]) for row in rows} == {message.name for message in database().messages}
     senders = {"controller": "CONTROLLER", "pump node": "PUMPS", "level node": "LEVELS"}
     for name, frame_id, length, sender, every, data_id in rows:
@@ -113,7 +113,7 @@ def test_frames_are_the_dbc_s():
 
 
 def test_signals_are_the_dbc_s():
-    rows = rows_of("wire.md", "frame", "signal")
+    rows = rows_of("reference/wire.md", "frame", "signal")
     listed = [(plain(row[0]), plain(row[1])) for row in rows]
     signals = {(message.name, signal.name): signal for message in database().messages for signal in message.signals}
     assert len(listed) == len(set(listed))
@@ -133,10 +133,13 @@ def test_signals_are_the_dbc_s():
 
 def test_golden_vectors_in_the_document_are_those_of_the_file():
     rows = [
-        (int(row[0], 16), plain(row[1]), row[3]) for row in rows_of("firmware.md", "identifier", "bytes", "carries")
+        (int(row[0], 16), plain(row[1]), row[3])
+        for row in rows_of("reference/firmware.md", "identifier", "bytes", "carries")
     ]
     assert rows == [(golden["id"], golden["data"], golden["about"]) for golden in GOLDEN["frame"]]
-    for row, golden in zip(rows_of("firmware.md", "identifier", "bytes", "carries"), GOLDEN["frame"], strict=True):
+    for row, golden in zip(
+        rows_of("reference/firmware.md", "identifier", "bytes", "carries"), GOLDEN["frame"], strict=True
+    ):
         told = dict(part.split() for part in row[2].split(", "))
         assert {name: float(int(v, 16) if v.startswith("0x") else float(v)) for name, v in told.items()} == {
             name: pytest.approx(value) for name, value in golden["values"].items()
@@ -144,7 +147,9 @@ def test_golden_vectors_in_the_document_are_those_of_the_file():
 
 
 def test_refused_vectors_in_the_document_are_those_of_the_file():
-    rows = [(int(r[0], 16), plain(r[1]), r[2], r[3]) for r in rows_of("firmware.md", "identifier", "bytes", "why")]
+    rows = [
+        (int(r[0], 16), plain(r[1]), r[2], r[3]) for r in rows_of("reference/firmware.md", "identifier", "bytes", "why")
+    ]
     assert rows == [(golden["id"], golden["data"], golden["why"], golden["about"]) for golden in GOLDEN["refused"]]
 
 
@@ -171,7 +176,7 @@ def _after_counter_zero():
 
 def test_the_crc_by_bits_is_the_document_s():
     """The pseudo code, taken at its word."""
-    text = (DOCS / "firmware.md").read_text()
+    text = (DOCS / "reference/firmware.md").read_text()
     assert "(crc << 1) xor 0x2F if its top bit is set" in text
 
     def crc(data):
@@ -182,7 +187,7 @@ def test_the_crc_by_bits_is_the_document_s():
                 register = (register << 1 ^ (0x2F if register & 0x80 else 0)) & 0xFF
         return register ^ 0xFF
 
-    data_ids = {int(row[1], 16): int(row[5], 16) for row in rows_of("wire.md", "frame", "identifier")}
+    data_ids = {int(row[1], 16): int(row[5], 16) for row in rows_of("reference/wire.md", "frame", "identifier")}
     for golden in GOLDEN["frame"]:
         *body, last = bytes.fromhex(golden["data"])
         whole = data_ids[golden["id"]].to_bytes(2, "little") + bytes(body)
@@ -192,7 +197,7 @@ def test_the_crc_by_bits_is_the_document_s():
 def test_every_conformance_test_is_explained_in_its_order(monkeypatch):
     from tests.doctor.nodes_bench import tried
 
-    explained = [name for row in rows_of("firmware.md", "test") for name in re.findall(r"`([^`]+)`", row[0])]
+    explained = [name for row in rows_of("reference/firmware.md", "test") for name in re.findall(r"`([^`]+)`", row[0])]
     results, _ = tried(monkeypatch, PumpNode, with_pumps=True, level_node=True)
     assert len(explained) == len(set(explained))
     assert set(explained) == {*results, suite.POWER_CYCLE}
@@ -206,7 +211,7 @@ def test_times_are_the_code_s():
         "`PumpStatus`": "PumpStatus",
         "heartbeats, from power-up on": "PumpHeartbeat",
     }
-    rows = {row[0]: row for row in rows_of("firmware.md", "what")}
+    rows = {row[0]: row for row in rows_of("reference/firmware.md", "what")}
     for what, name in by_frame.items():
         cycle_ms = contract().frames[name].cycle_s * 1e3
         assert rows[what][1:] == (
@@ -218,11 +223,14 @@ def test_times_are_the_code_s():
     assert COUNTER_STEP_MAX == LARGEST_COUNTER_STEP == 8
 
 
-@pytest.mark.parametrize("name", ["wire.md", "operating.md", "firmware.md"])
-def test_links_between_the_documents_lead_somewhere(name):
-    for target in re.findall(r"\]\(([^)]+)\)", (DOCS / name).read_text()):
+@pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.relative_to(DOCS).as_posix())
+def test_links_between_the_documents_lead_somewhere(page):
+    text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        if target.startswith("https://"):
+            continue
         path, _, anchor = target.partition("#")
-        file = DOCS / path if path else DOCS / name
+        file = page.parent / path if path else page
         assert file.exists(), target
         if anchor:
             headings = re.findall(r"^#+ (.*)$", file.read_text(), re.MULTILINE)
@@ -234,7 +242,7 @@ def test_every_check_of_the_doctor_is_explained_once():
 
     from tests.doctor.doctor_bench import LockstepBench
 
-    explained = [name for row in rows_of("operating.md", "check") for name in re.findall(r"`([^`]+)`", row[0])]
+    explained = [name for row in rows_of("how-to/operating.md", "check") for name in re.findall(r"`([^`]+)`", row[0])]
     made = set(examined(LockstepBench(), with_pumps=True)) | {result.check for result in check_host.check_host(GOOD)}
     made |= {result.check for result in check_link(None, "can0", 500_000, is_socketcan=False)}
     assert len(explained) == len(set(explained))
@@ -242,7 +250,7 @@ def test_every_check_of_the_doctor_is_explained_once():
 
 
 def test_limits_of_the_doctor_are_the_code_s():
-    text = " ".join((DOCS / "operating.md").read_text().split())
+    text = " ".join((DOCS / "how-to/operating.md").read_text().split())
     assert (
         f"within {check_frames.PERIOD_WARN:.0%}; warns beyond, "
         f"or of a jitter above {check_frames.JITTER_WARN:.0%}".replace("%", " %")
@@ -272,4 +280,4 @@ def test_the_checks_named_in_advice_exist():
     from tests.doctor.doctor_bench import LockstepBench
 
     results = examined(LockstepBench(overlay={"nodes": {"watchdog_s": 0.5}}))
-    assert "docs/firmware.md" in results["watchdog"].advice
+    assert "docs/reference/firmware.md" in results["watchdog"].advice

@@ -200,7 +200,7 @@ def test_reboot_by_command_twice_counts_twice():
 
 
 def test_the_table_of_the_documents_has_every_kind_and_word():
-    text = (ROOT / "docs/faults.md").read_text()
+    text = (ROOT / "docs/reference/faults.md").read_text()
     assert all(f"| `{kind}` |" in text for kind in KINDS)
     assert all(f"`{name}`" in text for name in COMPONENTS)
     words = {word for part in COMPONENTS.values() for word in part.words} - set(KINDS)

@@ -1,6 +1,6 @@
 """Whole runs on the kernel's buses: `hil run` on one interface, `firmware-sim` on the other, a process each.
 
-Bounds are those of docs/faults.md, read from the pump node's own record where it is the node that has to be safe.
+Bounds are those of docs/reference/faults.md, taken from the pump node's own record where the node must be safe.
 """
 
 import signal

@@ -16,7 +16,7 @@ from rich.table import Table
 from tools.benchmark import ROOT
 from tools.benchmark.timing import Effort, yardstick_ms
 
-DOCUMENT = ROOT / "docs/benchmarks.md"
+DOCUMENT = ROOT / "docs/reference/benchmarks.md"
 
 
 @dataclass(frozen=True)

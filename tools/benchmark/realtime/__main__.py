@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
+from tools.benchmark import ROOT
 from tools.benchmark.realtime import sections
 from tools.benchmark.tables import DOCUMENT, as_rich, write
 from tools.benchmark.timing import Effort
@@ -18,7 +19,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser("python -m tools.benchmark.realtime", description="How well the loop keeps time.")
     parser.add_argument("--minutes", type=float, default=0.5, help="a period and a peer (default: 0.5; 10 is thorough)")
     parser.add_argument("--only", choices=("lateness", "latency"), help="one of the two tables")
-    parser.add_argument("--write", action="store_true", help=f"put the figures into docs/{DOCUMENT.name}")
+    parser.add_argument("--write", action="store_true", help=f"put the figures into {DOCUMENT.relative_to(ROOT)}")
     options = parser.parse_args(arguments)
     if not 0.01 <= options.minutes <= 600.0:
         parser.error(f"--minutes {options.minutes:g} is outside 0.01..600")
