@@ -9,7 +9,7 @@ READY  := $(VENV)/.installed
 COVERED := --cov-branch --cov-fail-under=100 --cov-report=term-missing:skip-covered \
 	$(addprefix --cov=hil.,core.supervisor core.interlocks core.overshoot wire.checks wire.commands)
 
-.PHONY: help setup demo test test-socketcan test-long mutants lint unit live benchmarks lock clean
+.PHONY: help setup demo test test-socketcan test-long mutants lint unit live benchmarks words lock clean
 
 help:            ## show this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*##/\t/'
@@ -34,6 +34,9 @@ lint: $(READY)   ## style, types, architecture
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+words: $(READY)  ## retired words that are still written somewhere (tools/words.toml has the plain ones)
+	@$(BIN)/python -m tools.words
 
 unit: $(READY)   ## the test suite
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not live and not long and not socketcan" --ignore=tests/safety --ignore=tests/wire
