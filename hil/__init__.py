@@ -1,3 +1,3 @@
 """Controller process of the four-tank bench: control law, diagnosis, safety, CAN and records."""
 
-__version__ = "0.1.0"
+from hil.version import __version__ as __version__

@@ -15,12 +15,12 @@ from firmware_sim.settings import EmulatorSettings
 from hil import lockstep
 from hil.bench import scenario_bound
 from hil.bench.assembly import Bench, controller_config, load_contract, make_loop
-from hil.campaign import outcome
-from hil.campaign.cases import Case
-from hil.campaign.observer import Observer
-from hil.campaign.outcome import Rest
-from hil.campaign.row import Row, Took
-from hil.campaign.toml_text import toml_text
+from hil.campaigns import outcome
+from hil.campaigns.cases import Case
+from hil.campaigns.observer import Observer
+from hil.campaigns.outcome import Rest
+from hil.campaigns.row import Row, Took
+from hil.campaigns.toml_text import toml_text
 from hil.edge.can.bus import BusPort
 from hil.edge.can.pair_bus import pair
 from hil.edge.config.rig_file import load_rig

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from hil.bench.campaign_case import run_case
-from hil.campaign import outcome
-from hil.campaign.cases import Case
-from hil.campaign.row import Row, Took
+from hil.campaigns import outcome
+from hil.campaigns.cases import Case
+from hil.campaigns.row import Row, Took
 from hil.edge.config.settings_file import SettingsError
 
 INSTALL = "pip install 'fourtank-hil[campaign]'"

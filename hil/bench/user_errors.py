@@ -1,10 +1,7 @@
-"""What is the user's to mend: shown as one line, without a traceback."""
+"""Errors that the user can fix: shown as one line, without a traceback."""
 
 from firmware_sim.settings import SettingsError as EmulatorSettingsError
-from hil.core.eigenstructure import DesignError
-from hil.edge.can.bus import BusError
-from hil.edge.config.settings_file import SettingsError
-from hil.edge.host.realtime import RealTimeError
-from hil.edge.record.run_folder import RunFolderError
+from hil.core.errors import HilError
 
-USER_ERRORS = (SettingsError, EmulatorSettingsError, DesignError, BusError, RunFolderError, RealTimeError)
+USER_ERRORS = (HilError, EmulatorSettingsError)
+"""Of both programs: a scenario is also read by the emulator, which knows nothing of `hil`."""

@@ -11,7 +11,7 @@ from typing import Annotated, Optional
 import typer
 from rich.console import Console
 
-from hil import __version__
+from hil.version import __version__
 
 EXIT_BAD_INPUT = 2
 EXIT_CODES = {"complete": 0, "stopped": 0, "tripped": 3, "failed": 4}
@@ -71,7 +71,7 @@ ReportChoice = Annotated[bool, typer.Option("--report/--no-report", help="Whethe
 
 
 def main() -> None:
-    """Entry point of the console script: turns what is the user's to mend into one line."""
+    """Entry point of the console script: turns errors the user can fix into one line."""
     try:
         code = app(standalone_mode=False)
     except typer.TyperException as error:  # a wrong option or argument

@@ -10,15 +10,15 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-import hil
 from hil.bench import campaign_case, campaign_pool
-from hil.campaign import cases as listing
-from hil.campaign import summary
-from hil.campaign.cases import PAIRS, Case
-from hil.campaign.row import Row
-from hil.campaign.spec import load_spec
-from hil.campaign.store import Store
+from hil.campaigns import cases as listing
+from hil.campaigns import summary
+from hil.campaigns.cases import PAIRS, Case
+from hil.campaigns.row import Row
+from hil.campaigns.spec import load_spec
+from hil.campaigns.store import Store
 from hil.edge.config.settings_file import SettingsError, default_config_dir, read_toml
+from hil.version import __version__
 
 EXIT_BROKEN = 3
 RESULTS_DEPEND_ON = ("rig.toml", "emulator.toml", "bench.dbc")
@@ -44,7 +44,7 @@ def run(console: Console, path: Path, options: CampaignOptions) -> int:
     name, cases = load(path, config_dir, options)
     processes = campaign_pool.processes_for(options.processes, options.scheduler)
     folder = options.out or Path("runs") / f"campaign_{name}"
-    store = Store.open(folder, {"name": name, "cases": len(cases), "version": hil.__version__})
+    store = Store.open(folder, {"name": name, "cases": len(cases), "version": __version__})
     done = store.rows()
     todo = [case for case in cases if case.key not in done]
     if len(todo) < len(cases):
@@ -110,7 +110,7 @@ def _conclude(
     summary.show(console, rows)
     written = [table]
     if report:
-        from hil.campaign.campaign_report import write_report
+        from hil.campaigns.campaign_report import write_report
 
         written.append(write_report(store, name, rows))
     if notable:
@@ -122,7 +122,7 @@ def _conclude(
 
 def _digest(config_dir: Path) -> str:
     """Of all that results depend on beside the cases: the bench's files and this program's version."""
-    digest = hashlib.sha256(hil.__version__.encode())
+    digest = hashlib.sha256(__version__.encode())
     for name in RESULTS_DEPEND_ON:
         try:
             digest.update((config_dir / name).read_bytes())

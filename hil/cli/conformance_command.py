@@ -10,7 +10,6 @@ from pathlib import Path
 
 from rich.console import Console
 
-import hil
 from hil.cli import doctor_command, result_table
 from hil.conformance.suite import Plan, conforms, run_suite
 from hil.edge.can.bus import BusAddress, BusPort
@@ -18,6 +17,7 @@ from hil.edge.config.settings_file import SettingsError
 from hil.edge.host.clock import MonotonicClock, StopSignal
 from hil.probe.bus_probe import Probe
 from hil.probe.result import Result
+from hil.version import __version__
 from hil.wire.contract import Contract
 
 
@@ -76,7 +76,7 @@ def _write(
 ) -> None:
     told = {
         "conforms": conforms(results),
-        "version": hil.__version__,
+        "version": __version__,
         "contract": f"{contract.fingerprint:#010x}",
         "bus": asdict(address),
         "node": options.node,

@@ -17,7 +17,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from hil.bench import assembly, lockstep_run, run_options
 from hil.bench.campaign_case import run_case
-from hil.campaign.cases import Case
+from hil.campaigns.cases import Case
 from hil.cli import demo_tables
 from hil.cli.demo_tables import Figures
 from hil.edge.config.scenario_file import Scenario

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import lapack
 
+from hil.core.errors import HilError
 from hil.core.tanks import Array, LinearModel
 
 ComplexArray = NDArray[np.complex128]
@@ -27,7 +28,7 @@ SMALLEST_RCOND = 1e-13
 """Below this reciprocal condition number of V (unit columns) a gain is numerically meaningless."""
 
 
-class DesignError(ValueError):
+class DesignError(HilError, ValueError):
     """A design that can't be had; the message says why."""
 
 

@@ -6,10 +6,10 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from hil.campaign.cases import Case, expand
-from hil.campaign.outcome import crash
-from hil.campaign.row import Row, Took
-from hil.campaign.spec import load_spec
+from hil.campaigns.cases import Case, expand
+from hil.campaigns.outcome import crash
+from hil.campaigns.row import Row, Took
+from hil.campaigns.spec import load_spec
 from hil.edge.config.settings_file import read_toml
 
 ROOT = Path(__file__).resolve().parents[2]

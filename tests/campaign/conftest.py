@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from hil.campaign.cases import Case
+from hil.campaigns.cases import Case
 from tests.campaign.campaign_bench import SHORT, first_case
 
 

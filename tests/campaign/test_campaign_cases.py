@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from hil.bench import campaign_case
-from hil.campaign.cases import Case, expand, with_seeds
-from hil.campaign.spec import load_spec
-from hil.campaign.toml_text import toml_text
+from hil.campaigns.cases import Case, expand, with_seeds
+from hil.campaigns.spec import load_spec
+from hil.campaigns.toml_text import toml_text
 from hil.edge.config.scenario_file import Scenario
 from hil.edge.config.settings_file import SettingsError, validated
 from tests.campaign.campaign_bench import CONFIG, GRID, PAIRS, SHORT, campaign_file, cases_of

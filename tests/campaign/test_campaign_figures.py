@@ -7,13 +7,13 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from hil.campaign import outcome, statistics
-from hil.campaign.campaign_report import render
-from hil.campaign.cases import Case
-from hil.campaign.observer import COLUMNS, Observations, Observer, rate_broken
-from hil.campaign.outcome import Rest, RigFigures
-from hil.campaign.row import INVARIANTS, Row, Took
-from hil.campaign.store import Store
+from hil.campaigns import outcome, statistics
+from hil.campaigns.campaign_report import render
+from hil.campaigns.cases import Case
+from hil.campaigns.observer import COLUMNS, Observations, Observer, rate_broken
+from hil.campaigns.outcome import Rest, RigFigures
+from hil.campaigns.row import INVARIANTS, Row, Took
+from hil.campaigns.store import Store
 from hil.core.types import Alarm, Event, Mode, Pair, Severity, TickRecord
 from hil.edge.record.run_folder import RunFolderError
 from hil.loop import Outcome as Ending

@@ -13,10 +13,10 @@ from rich.console import Console
 
 from hil.bench import assembly, campaign_pool, lockstep_run, run_options
 from hil.bench.campaign_case import run_case
-from hil.campaign.cases import Case
-from hil.campaign.row import Row
-from hil.campaign.store import Store
-from hil.campaign.toml_text import toml_text
+from hil.campaigns.cases import Case
+from hil.campaigns.row import Row
+from hil.campaigns.store import Store
+from hil.campaigns.toml_text import toml_text
 from hil.cli import campaign_command
 from hil.edge.config.settings_file import SettingsError
 from hil.edge.record.run_folder import RunFolderError

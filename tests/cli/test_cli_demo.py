@@ -5,7 +5,7 @@ from io import StringIO
 from rich.console import Console
 
 from hil.bench.campaign_case import check
-from hil.campaign.cases import Case
+from hil.campaigns.cases import Case
 from hil.cli import demo_command
 from hil.cli.demo_tables import Figures, both
 from hil.review import table3

@@ -21,9 +21,9 @@ from firmware_sim.rig import Rig as Emulator
 from firmware_sim.truth import Truth
 from hil import lockstep
 from hil.bench import assembly
-from hil.campaign.cases import Case
-from hil.campaign.observer import VOLT_TOLERANCE_V, Observations, Observer, rate_broken
-from hil.campaign.toml_text import toml_text
+from hil.campaigns.cases import Case
+from hil.campaigns.observer import VOLT_TOLERANCE_V, Observations, Observer, rate_broken
+from hil.campaigns.toml_text import toml_text
 from hil.core.types import Event, Mode, TickRecord
 from hil.edge.can.bus import BusPort
 from hil.edge.config.rig_file import load_rig

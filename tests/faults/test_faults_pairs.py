@@ -3,9 +3,9 @@
 import pytest
 
 from hil.bench.campaign_case import run_case
-from hil.campaign import cases as listing
-from hil.campaign.row import INVARIANTS
-from hil.campaign.spec import Spec
+from hil.campaigns import cases as listing
+from hil.campaigns.row import INVARIANTS
+from hil.campaigns.spec import Spec
 from hil.edge.config.settings_file import validated
 from tests.faults.faults_bench import CONFIG, MOVING, fault, play, story
 

@@ -7,7 +7,7 @@ from statistics import median
 from typing import Any
 
 from hil.bench.campaign_case import run_case
-from hil.campaign.cases import Case
+from hil.campaigns.cases import Case
 from hil.edge.config.settings_file import merged, read_toml
 from tools.benchmark import ROOT, SCENARIO
 from tools.benchmark.tables import Section, as_time, as_verdict

@@ -14,6 +14,7 @@ from typing import Any
 import can
 from can.typechecking import CanFilter
 
+from hil.core.errors import HilError
 from hil.core.types import Event, Severity
 from hil.edge.can.slcan_bus import SlcanBus
 from hil.edge.host.clock import ArrivalClock
@@ -30,7 +31,7 @@ SEND_FAILURES_IN_A_ROW = 3
 LARGEST_BATCH = 1000
 
 
-class BusError(Exception):
+class BusError(HilError):
     """A bus that can't be opened; the message says which and why."""
 
 

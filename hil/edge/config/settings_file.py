@@ -8,6 +8,7 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
+from hil.core.errors import HilError
 from hil.core.types import Pair
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -26,7 +27,7 @@ LONGEST_S = 1e7
 Model = TypeVar("Model", bound="Section")
 
 
-class SettingsError(ValueError):
+class SettingsError(HilError, ValueError):
     """A file that can't be used: one line with file, key, value and what would be right."""
 
 

@@ -20,6 +20,8 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from hil.core.errors import HilError
+
 DEFAULT_PRIORITY = 80
 """Above every ordinary process and Linux's threaded interrupts (50), below its watchdogs and migration (99)."""
 
@@ -37,7 +39,7 @@ class RealTime:
     cpu: int | None = None
 
 
-class RealTimeError(ValueError):
+class RealTimeError(HilError, ValueError):
     """Something that no privilege would make possible."""
 
 

@@ -21,7 +21,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-import hil
+from hil.core.errors import HilError
+from hil.version import __version__
 
 Status = Literal["running", "complete", "stopped", "tripped", "failed"]
 RunMode = Literal["lockstep", "live"]
@@ -30,7 +31,7 @@ FORMAT = 1
 LIBRARIES = ("numpy", "python-can", "rerun-sdk")
 
 
-class RunFolderError(Exception):
+class RunFolderError(HilError):
     """A run folder cannot be made, read or understood."""
 
 
@@ -220,7 +221,7 @@ def write_atomically(path: Path, text: str) -> None:
 def versions() -> dict[str, str]:
     """Versions of what the numbers depend on: this program, Python and the libraries; nothing of the machine."""
     return {
-        "hil": hil.__version__,
+        "hil": __version__,
         "python": platform.python_version(),
         **{name: metadata.version(name) for name in LIBRARIES},
     }

@@ -14,9 +14,9 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from hil.campaign.cases import Case
-from hil.campaign.row import Row
-from hil.campaign.toml_text import toml_text
+from hil.campaigns.cases import Case
+from hil.campaigns.row import Row
+from hil.campaigns.toml_text import toml_text
 from hil.edge.record.run_folder import RunFolderError, write_atomically
 
 ARROW_TYPES = {str: "string", int: "int64", float: "float64", bool: "bool_"}

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from hil.campaign import delay_figures, statistics
-from hil.campaign.row import INVARIANTS, Row
-from hil.campaign.statistics import FaultClass
-from hil.campaign.store import Store
-from hil.campaign.summary import rate_text, spread_text
+from hil.campaigns import delay_figures, statistics
+from hil.campaigns.row import INVARIANTS, Row
+from hil.campaigns.statistics import FaultClass
+from hil.campaigns.store import Store
+from hil.campaigns.summary import rate_text, spread_text
 from hil.edge.record.run_folder import write_atomically
 from hil.review import page
 from hil.review.run_figures import style

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from hil.campaign.cases import Case
-from hil.campaign.observer import Observations, rate_broken
-from hil.campaign.row import CRASHED, Row, Took
+from hil.campaigns.cases import Case
+from hil.campaigns.observer import Observations, rate_broken
+from hil.campaigns.row import CRASHED, Row, Took
 from hil.core.types import UNRESOLVED
 from hil.edge.record.run_folder import Window
 from hil.loop import Outcome as Ending

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.table import Table
 
-from hil.campaign import statistics
-from hil.campaign.row import Row
-from hil.campaign.statistics import FaultClass, Rate, Spread
+from hil.campaigns import statistics
+from hil.campaigns.row import Row
+from hil.campaigns.statistics import FaultClass, Rate, Spread
 
 MOST_NAMED = 5
 LEAST_WIDTH = 120

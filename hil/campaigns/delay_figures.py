@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
-from hil.campaign.row import Row
+from hil.campaigns.row import Row
 from hil.review.run_figures import BLUE, INK, ORANGE, panels, svg
 
 BINS = 40

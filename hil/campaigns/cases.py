@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from random import Random
 from typing import Any
 
-from hil.campaign.spec import FaultRow, PoolRow, Spec, Target
+from hil.campaigns.spec import FaultRow, PoolRow, Spec, Target
 from hil.edge.config.settings_file import merged
 
 KEY_DIGITS = 16

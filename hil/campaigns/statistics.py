@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.campaign.cases import PAIRS
-from hil.campaign.row import INVARIANTS, Row
+from hil.campaigns.cases import PAIRS
+from hil.campaigns.row import INVARIANTS, Row
 
 CONFIDENCE = 0.95
 NOTHING = "nothing"
