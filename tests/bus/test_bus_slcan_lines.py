@@ -11,7 +11,7 @@ from tools.fuzz import targets
 
 GOOD = b"t18271122334455667F\r"
 REJECTED = {
-    Reject.GARBLED: [b"t18\xff7", b"\x00", b"t1820\n", b"t18\t", b"\x7f"],
+    Reject.GARBLED: [b"t18\xff7", b"\x00", b"t1820\x0b", b"t18\t", b"\x7f"],
     Reject.UNKNOWN: [b"x182", b"u18271122334455667F", b" t1820", b"-", b"OK", b"z1"],
     Reject.IDENTIFIER: [b"t", b"t18", b"t8000", b"t-110", b"t+110", b"t0x10", b"t 820", b"T2000000000", b"T0001820"],
     Reject.LENGTH: [b"t182", b"t1829", b"t182F11", b"t182-", b"R00000182", b"T00000182A"],
@@ -79,7 +79,7 @@ def test_answers_and_refusals_are_counted():
     reader = LineReader()
     assert reader.feed(b"\rz\rZ\r\a\a\a\rV1013\rNFT01\rF00\r") == []
     assert (reader.done, reader.refused, reader.texts, dict(reader.rejected)) == (4, 3, 3, {})
-    reader.forget_counts()
+    reader.reset_counts()
     assert (reader.done, reader.refused, reader.texts) == (0, 0, 0)
 
 
@@ -144,6 +144,59 @@ def test_what_the_protocol_has_no_words_for_is_not_sent(frame):
 def test_any_stream_in_any_cut_gives_the_same_frames_and_counts(stream, size):
     """Also: at most 1 kB is kept, every refusal is counted, and each accepted frame comes back as it was."""
     targets.slcan(bytes((size,)) + stream)
+
+
+ENDS = st.sampled_from([b"\r", b"\n", b"\r\n"])
+LINES = st.binary(max_size=30).filter(lambda line: not {10, 13} & set(line)) | st.sampled_from(
+    [
+        b"",
+        b"z",
+        b"Z",
+        b"\a",
+        b"V1013",
+        GOOD[:-1],
+        b"t1821",
+        b"T000001232AABB",
+        *(bad for bad in REJECTED[Reject.PAYLOAD]),
+    ]
+)
+
+
+def counts(reader):
+    return (reader.done, reader.refused, reader.texts, dict(reader.rejected), reader.kept)
+
+
+@given(st.lists(st.tuples(LINES, ENDS), max_size=40), st.data())
+def test_any_end_of_line_in_any_cut_gives_the_same_frames_and_counts(lines, data):
+    """An adapter that ends received frames with CR LF, or all lines with LF, used to have every frame rejected.
+
+    Each line has an end of its own. CR before an empty line with LF is the one stream that has two meanings, and is
+    CR LF by the rule; such a line gets CR LF as its end instead.
+    """
+    stream, before = b"", b""
+    for line, end in lines:
+        is_ambiguous = before == b"\r" and line == b"" and end == b"\n"
+        before = b"\r\n" if is_ambiguous else end
+        stream += line + before
+    plain, cut = LineReader(), LineReader()
+    expected = [told(frame) for line, _ in lines for frame in plain.feed(line + b"\r")]
+    got, rest = [], stream
+    while rest:
+        size = data.draw(st.integers(1, len(rest)), label="bytes of the next read")
+        got += [told(frame) for frame in cut.feed(rest[:size])]
+        rest = rest[size:]
+    assert got == expected
+    assert counts(cut) == counts(plain)
+
+
+@pytest.mark.parametrize("end", [b"\r", b"\n", b"\r\n"])
+@pytest.mark.parametrize("size", [1, 2, 3, 1000])
+def test_each_acknowledgement_counts_once_whatever_its_end(end, size):
+    stream = end.join([b"z", b"", b"Z", b"", b"", b""])
+    reader = LineReader()
+    for start in range(0, len(stream), size):
+        reader.feed(stream[start : start + size])
+    assert (reader.done, reader.texts, dict(reader.rejected)) == (5, 0, {})
 
 
 @given(st.binary(max_size=3000))

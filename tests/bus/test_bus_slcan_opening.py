@@ -180,6 +180,36 @@ def test_one_that_boots_slowly_is_asked_again(boot_s, banner):
     assert adapter.is_answering
 
 
+class OneCommandAWrite(Adapter):
+    """Obeys the first command of what it reads at a time, and forgets the rest."""
+
+    def answer(self, data):
+        self.heard += data
+        return self.port.feed(data[: data.index(b"\r") + 1] if b"\r" in data else data)[0]
+
+
+@pytest.mark.parametrize("before", [b"", b"O\r", b"L\r", b"Z1\rO\r", b"O\rt20169"])
+def test_one_that_obeys_one_command_a_write_is_opened_whatever_a_killed_program_left(before):
+    """All closing commands used to go out in one write: such an adapter stayed open and refused S6 for ever."""
+    adapter = OneCommandAWrite()
+    adapter.port.feed(before)
+    assert opened(adapter) < 2.0
+    assert adapter.heard.count(b"V\r") == 1, "at the first attempt"
+
+
+@pytest.mark.parametrize("end", [b"\n", b"\r\n"])
+@pytest.mark.parametrize("before", [b"", b"O\r"])
+def test_one_that_ends_its_lines_otherwise_is_opened_and_its_answers_counted(end, before):
+    class OtherEnds(Adapter):
+        def answer(self, data):
+            return super().answer(data).replace(b"\r", end)
+
+    adapter = OtherEnds()
+    adapter.port.feed(before)
+    assert opened(adapter) < 2.0
+    assert adapter.is_answering
+
+
 def test_one_that_acknowledges_nothing_but_tells_its_version_is_opened_all_the_same():
     """Widespread firmware answers nothing else. That it is there is known then; that it is open shows by its frames."""
 

@@ -59,8 +59,9 @@ class Host(SlcanBus):
 class Far(can.BusABC):
     """The emulator's end, as the bus of its port.
 
-    garble : what becomes of each line on its way to us. refuses : whether the adapter answers commands with BELL.
-    is_deaf : whether it has stopped to read. heard : commands that reached it. unplug : pulls the cable.
+    garble : what becomes of each frame's line on its way to us; answer_end : of each answer. refuses : whether the
+    adapter answers commands with BELL. is_deaf : whether it has stopped to read. heard : commands that reached it.
+    unplug : pulls the cable.
     """
 
     def __init__(self, fd, unplug, host):
@@ -72,7 +73,7 @@ class Far(can.BusABC):
         self._written = 0
         self._shadow = LineReader()
         self.stamps, self.delivered = deque(), 0
-        self.garble = lambda line: line
+        self.garble = self.answer_end = lambda line: line
         self.refuses = self.is_deaf = False
         self.heard = 0
 
@@ -123,7 +124,7 @@ class Far(can.BusABC):
             return
         reply, frames = self._link.port.feed(data)
         self._inbox.extend(frames)
-        self.say(reply)
+        self.say(self.answer_end(reply))
 
 
 @contextmanager

@@ -55,6 +55,24 @@ def test_a_run_over_a_line_is_the_same_to_the_bit(line):
     assert counts(line) == {}
 
 
+@pytest.mark.parametrize("end", [b"\n", b"\r\n"])
+@pytest.mark.parametrize("which", ["frames", "all lines"])
+def test_a_run_over_an_adapter_with_other_line_ends_is_the_same_to_the_bit(line, end, which):
+    """Every received frame used to be rejected, and the rig was never ready: "levels are too old"."""
+
+    def other_end(text):
+        return text.replace(b"\r", end)
+
+    def on_step(t_s):
+        del t_s
+        line.far.garble = other_end
+        if which == "all lines":
+            line.far.answer_end = other_end
+
+    assert line.play(story(), on_step=on_step).ticks == play(story()).ticks
+    assert counts(line) == {}
+
+
 @pytest.mark.parametrize("frame", ["LowerLevels", "PumpStatus", "PumpCommand"])
 def test_case_01_one_frame_lost(frame):
     of_frames.test_case_01_one_frame_lost(frame)

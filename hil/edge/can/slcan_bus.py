@@ -121,7 +121,8 @@ class SlcanBus(can.BusABC):
         super().shutdown()
         try:
             with suppress(OSError):  # gone already
-                self._line.write(SPOILT + b"C\r" if self._is_cut else b"C\r", 0.0)
+                for command in (SPOILT, b"C\r") if self._is_cut else (b"C\r",):
+                    self._line.write(command, 0.0)
         finally:
             self._line.close()
 
@@ -174,12 +175,19 @@ class SlcanBus(can.BusABC):
                 refusals += isinstance(error, _RefusedError)
                 if refusals >= MOST_REFUSALS or time.monotonic() >= give_up_s:
                     raise
-        self.lines.forget_counts()
+        self.lines.reset_counts()
 
     def _try_to_open(self, bit_rate: bytes, *, is_first: bool) -> None:
-        """Close it, set its bit rate, open it. It may be booting, open or listening already, or hold half a command."""
-        self.lines.forget_counts()
-        self._say(CR + CR + CR + b"C\rV\r")
+        """Close it, set its bit rate, open it. It may be booting, open or listening already, or hold half a command.
+
+        Each command is a write of its own, sent once the one before it is answered or has had time to be: some
+        adapters obey only the first command of a write, and a killed program may have left them open.
+        """
+        self.lines.reset_counts()
+        for command in (CR, b"C\r"):
+            self._say(command)
+            self._await_answer(QUIET_S)
+        self._say(b"V\r")
         self._settle()
         self._frames.clear()
         self.is_answering = self.lines.done + self.lines.refused > 0
@@ -192,17 +200,23 @@ class SlcanBus(can.BusABC):
 
     def _tell(self, command: bytes) -> None:
         """One command and its answer."""
-        done, refused = self.lines.done, self.lines.refused
+        refused = self.lines.refused
         self._say(command + CR)
-        end_s = time.monotonic() + (ANSWER_S if self.is_answering else QUIET_S)
+        has_answered = self._await_answer(ANSWER_S if self.is_answering else QUIET_S)
+        if self.lines.refused > refused:
+            raise _RefusedError(f"the adapter refuses {command.decode()}")
+        if self.is_answering and not has_answered:
+            raise can.CanInitializationError(f"the adapter does not answer {command.decode()}")
+
+    def _await_answer(self, timeout_s: float) -> bool:
+        """Read until one more command is acknowledged or refused, for at most timeout_s; whether one was."""
+        answers = self.lines.done + self.lines.refused
+        end_s = time.monotonic() + timeout_s
         while (left_s := end_s - time.monotonic()) > 0:
             self._take_in(left_s)
-            if self.lines.refused > refused:
-                raise _RefusedError(f"the adapter refuses {command.decode()}")
-            if self.lines.done > done:
-                return
-        if self.is_answering:
-            raise can.CanInitializationError(f"the adapter does not answer {command.decode()}")
+            if self.lines.done + self.lines.refused > answers:
+                return True
+        return False
 
     def _say(self, data: bytes) -> None:
         if self._line.write(data, ANSWER_S) < len(data):

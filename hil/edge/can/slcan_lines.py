@@ -1,11 +1,11 @@
 """The lines of slcan, Lawicel's protocol of serial CAN adapters: bytes in, frames and counted refusals out. No I/O.
 
-An adapter says, each line ended by CR:
+An adapter sends, each line ended by CR, LF or CR LF (the protocol says CR; firmware differs):
     tiiildd..  Tiiiiiiiildd..    a data frame: identifier of 11 or 29 bits, length 0..8, two hex digits a byte
     riiil      Riiiiiiiil        a remote frame
     nothing, z, Z                done: the answer to a command
     V..  v..  N..  F..           what it was asked for
-and BELL, which ends a line, too, for a command that it refuses. Four more digits behind a frame are its time stamp.
+and BELL, which also ends a line, for a command that it refuses. Four more digits behind a frame are its time stamp.
 
 Nothing that comes in raises, and at most LONGEST_LINE bytes are kept, however the stream is cut.
 """
@@ -20,6 +20,7 @@ from enum import StrEnum
 import can
 
 CR = b"\r"
+LF = b"\n"
 BELL = b"\a"
 LONGEST_LINE = 1024
 BIT_RATES = {
@@ -65,13 +66,14 @@ class LineReader:
     def __init__(self) -> None:
         self._rest = b""
         self._is_endless = False
+        self._ended_with_cr = False
         self.done = 0
         self.refused = 0
         self.texts = 0
         self.rejected: Counter[Reject] = Counter()
 
-    def forget_counts(self) -> None:
-        """Begin to count anew."""
+    def reset_counts(self) -> None:
+        """Set all counts to zero."""
         self.done = self.refused = self.texts = 0
         self.rejected.clear()
 
@@ -83,7 +85,7 @@ class LineReader:
     def feed(self, data: bytes, timestamp_s: float = 0.0) -> list[can.Message]:
         """The frames that `data` completes. Never raises."""
         frames: list[can.Message] = []
-        *lines, rest = (self._rest + data).split(CR)
+        *lines, rest = (self._rest + self._with_cr_ends(data)).split(CR)
         for line in lines:
             frame = self._end(self._after_refusals(line), timestamp_s)
             if frame is not None:
@@ -94,6 +96,16 @@ class LineReader:
             self._is_endless = True
         self._rest = b"" if self._is_endless else rest
         return frames
+
+    def _with_cr_ends(self, data: bytes) -> bytes:
+        """Replace each LF and CR LF by one CR, also where a cut separates CR from LF: one line has one end."""
+        if not data:
+            return data
+        is_rest_of_end = self._ended_with_cr and data[:1] == LF
+        self._ended_with_cr = data[-1:] == CR
+        if LF not in data:
+            return data
+        return data[1 if is_rest_of_end else 0 :].replace(CR + LF, CR).replace(LF, CR)
 
     def _after_refusals(self, line: bytes) -> bytes:
         """What comes after the last BELL; anything between two of them is no line of its own."""
