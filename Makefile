@@ -9,7 +9,7 @@ READY  := $(VENV)/.installed
 COVERED := --cov-branch --cov-fail-under=100 --cov-report=term-missing:skip-covered \
 	$(addprefix --cov=hil.,core.supervisor core.interlocks core.overshoot wire.checks wire.commands)
 
-.PHONY: help setup demo test test-socketcan test-long mutants lint unit live benchmarks words lock clean
+.PHONY: help setup demo test test-socketcan test-long mutants lint unit live benchmarks docs docs-serve words lock clean
 
 help:            ## show this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*##/\t/'
@@ -56,10 +56,16 @@ mutants: $(READY)  ## every small change of supervisor, interlocks and wire chec
 benchmarks: $(READY)  ## timings as ratios, for docs/reference/benchmarks.md
 	$(BIN)/python -m tools.benchmark
 
+docs: $(READY)   ## the documentation site in site/, any warning is an error
+	$(BIN)/zensical build --clean --strict
+
+docs-serve: $(READY)  ## the same on http://localhost:8000, built again at each change
+	$(BIN)/zensical serve
+
 lock: $(READY)   ## pin anew what pyproject.toml asks for (needs uv)
-	uv pip compile pyproject.toml --group dev --all-extras --universal --python-version 3.11 --generate-hashes \
+	uv pip compile pyproject.toml --group dev --group docs --all-extras --universal --python-version 3.11 --generate-hashes \
 	  --no-header --no-emit-index-url --upgrade --quiet --output-file requirements.lock
 
 clean:           ## remove what can be made again
-	rm -rf $(VENV) dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) dist site .cache .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis
 	find hil -name '*.nb[ci]' -delete
