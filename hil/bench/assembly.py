@@ -7,20 +7,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hil.bench.designs import DESIGNS
+from hil.bench.detectors import DETECTORS
+from hil.bench.dry_step import DryStepError, try_out
 from hil.core.closed_loop import LoopConfig
 from hil.core.controller import ControllerConfig, Output
-from hil.core.design import CalibratedDesign, GainDesign, choose_rig_design
+from hil.core.design import GainDesign
 from hil.core.diagnosis.detector import FaultDetector
-from hil.core.diagnosis.ideal import IdealDetector, NoDetector, PumpFault
 from hil.core.eigenstructure import DesignError
 from hil.core.estimator import LevelFilter
 from hil.core.interlocks import Limits
 from hil.core.reconfiguration import Reconfiguration
-from hil.core.tanks import equilibrium, linearise
+from hil.core.tanks import equilibrium
 from hil.core.types import Action, Inputs, Mode, Pair, Quad, Request, TripCause
 from hil.edge.config.rig_file import Rig, load_rig
-from hil.edge.config.scenario_file import Fault, OperatorRequest, Scenario, load_scenario
-from hil.edge.config.settings_file import SettingsError, default_config_dir
+from hil.edge.config.scenario_file import OperatorRequest, Scenario, load_scenario
+from hil.edge.config.settings_file import SettingsError, default_config_dir, read_text
+from hil.edge.config.shipped import find_scenario
 from hil.edge.record.run_folder import RunPlan, Window
 from hil.loop import ControlLoop, Port, Recorder
 from hil.wire.contract import Contract, ContractError
@@ -30,13 +33,25 @@ Watcher = Callable[[Inputs, Output, Mode], None]
 
 @dataclass(frozen=True)
 class Bench:
-    """A scenario with the rig and the contract it is to run on, all checked, and the files they came from."""
+    """A scenario with the rig and the contract that it runs on, all checked, and the files that they came from.
+
+    rig_file : a rig file beside the configuration folder; None: `rig.toml` in it.
+    design, detector : objects of the user's own in place of what the scenario names; None: as the scenario has it.
+    """
 
     scenario: Scenario
     rig: Rig
     contract: Contract
     scenario_path: Path
     config_dir: Path
+    rig_file: Path | None = None
+    design: GainDesign | None = None
+    detector: FaultDetector | None = None
+
+    @property
+    def rig_path(self) -> Path:
+        """The rig file."""
+        return self.rig_file or self.config_dir / "rig.toml"
 
     @property
     def emulator_path(self) -> Path:
@@ -49,27 +64,69 @@ class Bench:
         return self.config_dir / "bench.dbc"
 
 
-def load(scenario_path: Path, config_dir: Path | None = None) -> Bench:
-    """Read and check everything; raises SettingsError with one line that names file and key."""
+def load(
+    scenario: str | Path,
+    config_dir: Path | None = None,
+    *,
+    rig_file: Path | None = None,
+    design: str | GainDesign | None = None,
+    detector: str | FaultDetector | None = None,
+) -> Bench:
+    """Read and check everything; raises SettingsError with one line that names file and key.
+
+    scenario : path or shipped name. design, detector : a name or an object in place of the scenario's; None: its own.
+    """
     config = config_dir or default_config_dir()
-    scenario = load_scenario(scenario_path)
-    rig = load_rig(config / "rig.toml", scenario, scenario_path)
-    bench = Bench(scenario, rig, load_contract(config / "bench.dbc"), scenario_path, config)
-    try:
-        controller_config(bench)
-    except DesignError as error:
-        where = f"{scenario_path} [rig] over {config / 'rig.toml'}" if scenario.rig else config / "rig.toml"
-        raise SettingsError(f"{where}: control: {error}") from None
+    path = find_scenario(scenario, config_dir)
+    settings = _with_choices(load_scenario(path), design, detector)
+    bench = Bench(
+        settings,
+        load_rig(rig_file or config / "rig.toml", settings, path),
+        load_contract(config / "bench.dbc"),
+        path,
+        config,
+        rig_file,
+        None if isinstance(design, str) else design,
+        None if isinstance(detector, str) else detector,
+    )
+    check(bench)
     return bench
+
+
+def check(bench: Bench) -> None:
+    """Try the settings out before anything moves. Raises SettingsError that names the file and what is wrong."""
+    config = controller_config(bench)
+    try:
+        try_out(config)
+    except DryStepError as error:
+        choice = bench.scenario.control.design
+        raise SettingsError(f"{_where(bench)}: control (design {choice!r}): {error}") from None
+
+
+def _where(bench: Bench) -> str:
+    """The file that a wrong rig or design comes from."""
+    return f"{bench.scenario_path} [rig] over {bench.rig_path}" if bench.scenario.rig else str(bench.rig_path)
+
+
+def _with_choices(
+    scenario: Scenario, design: str | GainDesign | None, detector: str | FaultDetector | None
+) -> Scenario:
+    """The scenario with the names of the design and the detector that are used; an object has its class's name."""
+    changes: dict[str, Any] = {}
+    if design is not None:
+        name = design if isinstance(design, str) else type(design).__name__
+        changes["control"] = scenario.control.model_copy(update={"design": name})
+    if detector is not None:
+        name = detector if isinstance(detector, str) else type(detector).__name__
+        changes["diagnosis"] = scenario.diagnosis.model_copy(update={"method": name})
+    return scenario.model_copy(update=changes)
 
 
 def load_contract(path: Path) -> Contract:
     """The DBC; raises SettingsError naming the file and what is wrong with it."""
     try:
-        return Contract.from_dbc(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise SettingsError(f"{path}: can't be read: {error.strerror}") from None
-    except (ContractError, UnicodeDecodeError) as error:
+        return Contract.from_dbc(read_text(path))
+    except ContractError as error:
         raise SettingsError(f"{path}: {error}") from None
 
 
@@ -80,9 +137,9 @@ def controller_config(bench: Bench, duration_s: float | None = None) -> Controll
     choice = scenario.control
     loop = LoopConfig(
         reconfiguration=Reconfiguration(
-            model, gain_design(rig, choice.design), rig.pumps.range_V[1], rig.control.operating_point_V
+            model, _gain_design(bench), rig.pumps.range_V[1], rig.control.operating_point_V
         ),
-        detector=_detector(scenario, rig),
+        detector=_fault_detector(bench),
         level_filter=LevelFilter(model, rig.pumps.lag_s, rig.control.level_filter_s),
         references=reference_schedule(scenario, rig, str(bench.scenario_path)),
         reconfigure=choice.reconfigure,
@@ -123,13 +180,23 @@ def make_loop(
     )
 
 
-def gain_design(rig: Rig, name: str) -> GainDesign:
-    """The design of that name; raises DesignError when the rig's poles and noise bound can't be met."""
-    if name == "calibrated":
-        return CalibratedDesign()
-    model = rig.tank_model
-    at = linearise(model, equilibrium(model, rig.control.operating_point_V))
-    return choose_rig_design(at, rig.control.output_poles, rig.control.noise_gain_max)
+def _gain_design(bench: Bench) -> GainDesign:
+    """The user's own, or the one that the scenario names. Raises SettingsError when this rig can't have it."""
+    if bench.design is not None:
+        return bench.design
+    choice = DESIGNS.find(bench.scenario.control.design, str(bench.scenario_path))
+    try:
+        return choice.make(bench.rig)
+    except DesignError as error:
+        raise SettingsError(f"{_where(bench)}: control: {error}") from None
+
+
+def _fault_detector(bench: Bench) -> FaultDetector:
+    """The user's own, or the one that the scenario names. Raises SettingsError."""
+    if bench.detector is not None:
+        return bench.detector
+    choice = DETECTORS.find(bench.scenario.diagnosis.method, str(bench.scenario_path))
+    return choice.make(bench.rig, bench.scenario)
 
 
 def reference_schedule(scenario: Scenario, rig: Rig, where: str) -> tuple[tuple[float, Pair], ...]:
@@ -160,7 +227,7 @@ def reference_schedule(scenario: Scenario, rig: Rig, where: str) -> tuple[tuple[
 
 def run_plan(bench: Bench, *, is_live: bool, seed: int | None) -> RunPlan:
     """What the run folder keeps of the configuration."""
-    files = [bench.config_dir / "rig.toml", bench.scenario_path, bench.dbc_path]
+    files = [bench.rig_path, bench.scenario_path, bench.dbc_path]
     if not is_live:
         files.append(bench.emulator_path)
     settings: dict[str, Any] = {
@@ -175,13 +242,15 @@ def run_plan(bench: Bench, *, is_live: bool, seed: int | None) -> RunPlan:
         windows=tuple(Window(w.name, w.from_s, w.to_s) for w in bench.scenario.window),
         reconfigure=bench.scenario.control.reconfigure,
         settings=settings,
-        copies={_copy_name(bench, file): file.read_text(encoding="utf-8") for file in files},
+        copies={_copy_name(bench, file): read_text(file) for file in files},
     )
 
 
 def _copy_name(bench: Bench, file: Path) -> str:
     """A scenario may be called anything, rig.toml too; it gets a folder of its own."""
-    return f"scenarios/{file.name}" if file == bench.scenario_path else file.name
+    if file == bench.scenario_path:
+        return f"scenarios/{file.name}"
+    return "rig.toml" if file == bench.rig_path else file.name
 
 
 def _limits(rig: Rig) -> Limits:
@@ -215,23 +284,3 @@ def _limits(rig: Rig) -> Limits:
 def _request(request: OperatorRequest) -> Request:
     interlock = None if request.interlock is None else TripCause(request.interlock)
     return Request(Action(request.action), request.voltage_V, interlock, request.for_s or 0.0)
-
-
-def _detector(scenario: Scenario, rig: Rig) -> FaultDetector:
-    if scenario.diagnosis.method == "glr":
-        from hil.core.diagnosis.glr.glr_detector import (
-            GlrDetector,  # compiled code: a second that other methods need not wait for
-        )
-
-        return GlrDetector(rig.tank_model, rig.pumps.lag_s, rig.sensors.noise_V)
-    if scenario.diagnosis.method == "none":
-        return NoDetector()
-    known = tuple(known for fault in scenario.fault if (known := _pump_fault(fault)) is not None)
-    return IdealDetector(known, scenario.diagnosis.delay_s)
-
-
-def _pump_fault(fault: Fault) -> PumpFault | None:
-    if fault.effectiveness is None:
-        return None
-    until_s = float("inf") if fault.until_s is None else fault.until_s
-    return PumpFault(fault.at_s, int(fault.target), fault.effectiveness, until_s)

@@ -13,7 +13,7 @@ from firmware_sim.ports import BusPort as EmulatorPort
 from firmware_sim.rig import Rig as Emulator
 from firmware_sim.settings import EmulatorSettings
 from hil import lockstep
-from hil.bench import scenario_bound
+from hil.bench import assembly, scenario_bound
 from hil.bench.assembly import Bench, controller_config, load_contract, make_loop
 from hil.campaigns import outcome
 from hil.campaigns.cases import Case
@@ -44,7 +44,7 @@ def run_case(case: Case, config_dir: Path, bound_s: outcome.Bound | None = None)
 
 def check(case: Case, config_dir: Path, where: str) -> None:
     """Read and check all that the case would be built from; raises SettingsError (of either twin)."""
-    controller_config(_bench(case, config_dir, where))
+    assembly.check(_bench(case, config_dir, where))
     _emulator_settings(case, config_dir, where)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from hil.bench.assembly import gain_design
+from hil.bench.designs import rig_design
 from hil.core.design import CalibratedDesign, RigDesign, closed_loop_poles, noise_gain
 from hil.core.eigenstructure import DesignError, Eigenstructure, augment
 from hil.core.tanks import Array, LinearModel, equilibrium, linearise, transmission_zeros
@@ -58,10 +58,10 @@ def relative_gain_array(linear: LinearModel) -> Array:
 
 
 def _candidates(rig: Rig, linear: LinearModel) -> tuple[Candidate, ...]:
-    rig_design = gain_design(rig, "rig")
-    assert isinstance(rig_design, RigDesign)  # noqa: S101 - what gain_design returns for this name
+    own = rig_design(rig)
+    assert isinstance(own, RigDesign)  # noqa: S101 - what rig_design returns
     return (
-        Candidate("rig", rig_design.structure(linear)),
+        Candidate("rig", own.structure(linear)),
         Candidate("calibrated", CalibratedDesign().structure()),
     )
 

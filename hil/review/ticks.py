@@ -61,16 +61,21 @@ def read_ticks(path: Path) -> Ticks:
     except OSError as error:
         raise RunFolderError(f"cannot read {path}: {error.strerror}") from error
     whole = raw[: raw.rfind(b"\n") + 1]  # what follows the last line end was cut off by a kill
-    header, _, body = whole.decode("utf-8").partition("\n")
+    return parse_ticks(whole.decode("utf-8"), str(path))
+
+
+def parse_ticks(text: str, where: str) -> Ticks:
+    """The text of a tick table, whole lines only; raises RunFolderError, `where` first, when it is not one."""
+    header, _, body = text.partition("\n")
     names = header.split(",")
     if "t_s" not in names:
-        raise RunFolderError(f"{path} is not a tick table: it has no column t_s")
+        raise RunFolderError(f"{where} is not a tick table: it has no column t_s")
     try:
         values = _numbers(body) if body else np.empty((0, len(names)))
     except ValueError as error:
-        raise RunFolderError(f"{path} is damaged: {error}") from error
+        raise RunFolderError(f"{where} is damaged: {error}") from error
     if values.shape[1] != len(names):
-        raise RunFolderError(f"{path} is damaged: {len(names)} columns named, {values.shape[1]} there")
+        raise RunFolderError(f"{where} is damaged: {len(names)} columns named, {values.shape[1]} there")
     values.setflags(write=False)
     return Ticks(dict(zip(names, values.T, strict=True)))
 
@@ -85,13 +90,17 @@ def read_events(path: Path) -> tuple[LoggedEvent, ...]:
     """Read the events; a missing file has none, raises RunFolderError for a line that is not an event."""
     if not path.is_file():
         return ()
+    return parse_events(path.read_text(encoding="utf-8", errors="replace"), str(path))
+
+
+def parse_events(text: str, where: str) -> tuple[LoggedEvent, ...]:
+    """The lines of an event log, a half one at the end left out; raises RunFolderError, `where` first."""
     events: list[LoggedEvent] = []
-    lines = path.read_text(encoding="utf-8", errors="replace").split("\n")
-    for number, line in enumerate(lines[:-1], start=1):
+    for number, line in enumerate(text.split("\n")[:-1], start=1):
         try:
             events.append(LoggedEvent(**json.loads(line)))
         except (ValueError, TypeError) as error:
-            raise RunFolderError(f"{path}, line {number} is not an event: {error}") from error
+            raise RunFolderError(f"{where}, line {number} is not an event: {error}") from error
     return tuple(events)
 
 

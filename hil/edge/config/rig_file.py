@@ -23,8 +23,22 @@ from hil.edge.config.settings_file import (
     validated,
 )
 
-LONGEST_BYPASS_S = 600.0
+MAX_BYPASS_S = 600.0
 """No configuration lets an interlock be bypassed for longer."""
+
+WATCHDOG_S = 0.25
+"""The pump node trips when no valid command came for so long: the wire contract, docs/wire.md."""
+
+CYCLES_S = {"levels": 0.02, "status": 0.05, "heartbeat": 0.1, "echo": 0.05}
+"""How often the nodes send what an age limit of [safety] is for; an echo comes with the pump node's status."""
+
+MAX_PERIOD_S = WATCHDOG_S - CYCLES_S["echo"]
+"""A command has to reach the pump node, and its echo to come back, before the watchdog trips."""
+
+TIME_TOLERANCE_S = 1e-9
+
+MIN_SPLIT_EXCESS = 0.01
+"""How far the valve splits' sum must lie from 1. There the lower levels can't be set apart: G(0) has no inverse."""
 
 
 class Tanks(Section):
@@ -50,6 +64,17 @@ class Pumps(Range):
     def _range_is_ordered(cls, limits: Pair) -> Pair:
         return cls.ordered(limits)
 
+    @field_validator("valve_split")
+    @classmethod
+    def _outputs_can_be_set_apart(cls, valve_split: Pair) -> Pair:
+        excess = valve_split[0] + valve_split[1] - 1.0
+        if abs(excess) < MIN_SPLIT_EXCESS:
+            raise ValueError(
+                f"the splits add up to {1.0 + excess:.4g}, within {MIN_SPLIT_EXCESS:g} of 1: "
+                "there both pumps move both lower levels alike, so that no control can set them apart"
+            )
+        return valve_split
+
 
 class Sensors(Range):
     """Level sensors."""
@@ -67,12 +92,22 @@ class Sensors(Range):
 class Control(Section):
     """Control period, operating point and the rig's design."""
 
-    period_s: Annotated[float, Field(ge=0.001, le=10.0, allow_inf_nan=False)]
+    period_s: Annotated[float, Field(ge=0.001, allow_inf_nan=False)]
     operating_point_V: tuple[Volts, Volts]
     output_poles: tuple[Pole, Pole, Pole, Pole]
     noise_gain_max: Positive
     anti_windup_s: Positive
     level_filter_s: NotNegative
+
+    @field_validator("period_s")
+    @classmethod
+    def _feeds_the_watchdog(cls, period_s: float) -> float:
+        if period_s > MAX_PERIOD_S:
+            raise ValueError(
+                f"must be at most {MAX_PERIOD_S:g} s: the pump node's watchdog trips {WATCHDOG_S:g} s after the last "
+                f"command, and {CYCLES_S['echo']:g} s of that are left for command and echo"
+            )
+        return period_s
 
 
 class Safety(Section):
@@ -93,7 +128,7 @@ class Safety(Section):
     dead_pump: Literal["continue", "stop"]
     lost_lower_level: Literal["continue", "stop"]
     dry_run_V: NotNegative
-    bypass_max_s: Annotated[float, Field(gt=0.0, le=LONGEST_BYPASS_S, allow_inf_nan=False)]
+    bypass_max_s: Annotated[float, Field(gt=0.0, le=MAX_BYPASS_S, allow_inf_nan=False)]
     arm_timeout_s: Positive
     stop_ramp_V_s: Positive
 
@@ -126,6 +161,19 @@ class Rig(Section):
                 f"safety.rim_margin_cm {safety.rim_margin_cm:g} leaves no room for safety.level_max_cm "
                 f"{safety.level_max_cm:g} below tanks.height_cm {height_cm:g}"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _ages_are_longer_than_a_period(self) -> Self:
+        period_s = self.control.period_s
+        for name, cycle_s in CYCLES_S.items():
+            key = f"{name}_age_max_s"
+            limit_s = getattr(self.safety, key)
+            if limit_s < period_s + cycle_s - TIME_TOLERANCE_S:
+                raise ValueError(
+                    f"safety.{key} {limit_s:g} s is less than control.period_s {period_s:g} s and the frame's cycle "
+                    f"of {cycle_s:g} s: one late step would trip the run"
+                )
         return self
 
     @model_validator(mode="after")

@@ -155,18 +155,22 @@ class OperatorRequest(Section):
         return self
 
 
-class DiagnosisChoice(Section):
-    """Which fault detector."""
+ChoiceName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
+"""A name in a table of the bench (`hil.bench.designs`, `hil.bench.detectors`), which checks it on loading."""
 
-    method: Literal["glr", "ideal", "none"] = "glr"
+
+class DiagnosisChoice(Section):
+    """Which fault detector. method : by name, see `hil.bench.detectors`. delay_s : of the detector `ideal`."""
+
+    method: ChoiceName = "glr"
     delay_s: NotNegative = 1.0
 
 
 class ControlChoice(Section):
-    """Which design, and whether it follows the diagnosis."""
+    """Which design, by name, see `hil.bench.designs`, and whether the law follows the diagnosis."""
 
     reconfigure: bool = True
-    design: Literal["calibrated", "rig"] = "rig"
+    design: ChoiceName = "rig"
 
 
 class WindowTable(Section):

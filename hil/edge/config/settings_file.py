@@ -60,13 +60,24 @@ def default_config_dir() -> Path:
     return beside / "config" if (beside / "config" / "rig.toml").is_file() else beside / "fourtank_config"
 
 
+def read_text(path: Path) -> str:
+    """The text of a configuration file. A byte order mark, as some editors put in front of UTF-8, is left out.
+
+    Raises SettingsError when the file is missing or is not UTF-8.
+    """
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise SettingsError(f"{path}: can't be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise SettingsError(f"{path}: is not UTF-8 text: {error}") from None
+
+
 def read_toml(path: Path) -> dict[str, Any]:
     """The file as nested dicts. Raises SettingsError when it is missing or is not TOML."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise SettingsError(f"{path}: can't be read: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        return tomllib.loads(read_text(path))
+    except tomllib.TOMLDecodeError as error:
         raise SettingsError(f"{path}: is not TOML: {error}") from None
 
 

@@ -1,0 +1,58 @@
+"""The table of fault detectors: what `[diagnosis] method` in a scenario may say. A new built-in detector is a row here.
+
+A maker gets the settings of rig and scenario and returns a `FaultDetector`. Installed packages add rows by entry points
+of the group `fourtank_hil.detectors`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from hil.bench.choice_table import Choice, ChoiceTable
+from hil.core.diagnosis.detector import FaultDetector
+from hil.core.diagnosis.ideal import IdealDetector, NoDetector, PumpFault
+from hil.edge.config.rig_file import Rig
+from hil.edge.config.scenario_file import Fault, Scenario
+
+DetectorMaker = Callable[[Rig, Scenario], FaultDetector]
+
+IDEAL = "ideal"
+"""The one detector that is told the scenario's faults instead of finding them."""
+
+
+def glr_detector(rig: Rig, scenario: Scenario) -> FaultDetector:  # noqa: ARG001 - it finds the faults itself
+    """The likelihood-ratio bank."""
+    from hil.core.diagnosis.glr.glr_detector import GlrDetector  # compiled code: a second that others need not wait for
+
+    return GlrDetector(rig.tank_model, rig.pumps.lag_s, rig.sensors.noise_V)
+
+
+def ideal_detector(rig: Rig, scenario: Scenario) -> FaultDetector:  # noqa: ARG001 - it needs no model
+    """Knows the scenario's pump faults and reports each `diagnosis.delay_s` late."""
+    return IdealDetector(known_pump_faults(scenario), scenario.diagnosis.delay_s)
+
+
+def no_detector(rig: Rig, scenario: Scenario) -> FaultDetector:  # noqa: ARG001 - it looks at nothing
+    """Never reports anything."""
+    return NoDetector()
+
+
+DETECTORS: ChoiceTable[DetectorMaker] = ChoiceTable(
+    "diagnosis.method",
+    "fourtank_hil.detectors",
+    Choice("glr", "generalised likelihood ratios: finds, isolates and sizes faults from the readings", glr_detector),
+    Choice(IDEAL, "is told the scenario's pump faults and reports them exactly, delay_s late", ideal_detector),
+    Choice("none", "reports nothing", no_detector),
+)
+
+
+def known_pump_faults(scenario: Scenario) -> tuple[PumpFault, ...]:
+    """The faults of the scenario that the detector `ideal` knows."""
+    return tuple(known for fault in scenario.fault if (known := _pump_fault(fault)) is not None)
+
+
+def _pump_fault(fault: Fault) -> PumpFault | None:
+    if fault.effectiveness is None:
+        return None
+    until_s = float("inf") if fault.until_s is None else fault.until_s
+    return PumpFault(fault.at_s, int(fault.target), fault.effectiveness, until_s)
