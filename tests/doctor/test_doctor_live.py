@@ -3,12 +3,13 @@
 import json
 import signal
 import socket
-import subprocess
 import time
 
 import pytest
 
-from tests.cli.cli_bench import BIN, CommandLine, assert_refused
+from tests import fork_server
+from tests.cli.cli_bench import CommandLine, assert_refused
+from tests.fork_server import ForkedProgram
 from tests.live.live_bench import emulator, hil, wait_for
 
 LONG_S = 120.0
@@ -64,8 +65,7 @@ def test_a_bench_that_is_not_fit_is_told_and_why(tmp_path):
 @pytest.mark.live
 def test_ctrl_c_ends_the_doctor_with_the_node_ready_at_zero(tmp_path):
     with emulator(tmp_path / "node.jsonl") as node:
-        command = [BIN / "hil", "doctor", "-i", "slcan", "-c", node.channel, "--seconds", "1", "--with-pumps"]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        process = ForkedProgram(["hil", "doctor", "-i", "slcan", "-c", node.channel, "--seconds", "1", "--with-pumps"])
         try:
             wait_for(node.has_ever_applied, timeout_s=60.0)
             process.send_signal(signal.SIGINT)
@@ -83,12 +83,8 @@ def test_ctrl_c_ends_the_doctor_with_the_node_ready_at_zero(tmp_path):
 def test_the_emulator_conforms_as_a_process(tmp_path):
     file = tmp_path / "told.json"
     with emulator(tmp_path / "node.jsonl") as node:
-        done = subprocess.run(
-            [BIN / "hil", "conformance", "-i", "slcan", "-c", node.channel, "--json", file],
-            capture_output=True,
-            text=True,
-            timeout=LONG_S,
-            check=False,
+        done = fork_server.run(
+            ["hil", "conformance", "-i", "slcan", "-c", node.channel, "--json", file], timeout=LONG_S
         )
         assert done.returncode == 0, done.stdout + done.stderr
         assert not node.has_ever_applied()

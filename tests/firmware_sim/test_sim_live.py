@@ -15,6 +15,7 @@ import pytest
 
 from firmware_sim.settings import load_fingerprint
 from tests.firmware_sim.sim_bench import CONFIG, command
+from tests.fork_server import ForkedProgram
 
 pytestmark = pytest.mark.live
 
@@ -37,12 +38,7 @@ def first_line(process, timeout_s=10.0):
 
 @contextmanager
 def emulator_process(*arguments):
-    process = subprocess.Popen(
-        [sys.executable, "-m", "firmware_sim", *map(str, arguments)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    process = ForkedProgram(["firmware-sim", *arguments])
     try:
         line = first_line(process)
         assert line.startswith("firmware-sim ready: slcan on "), process.stderr.read()

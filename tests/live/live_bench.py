@@ -1,4 +1,4 @@
-"""Two processes in real time: the emulator's console script and the controller's."""
+"""Two processes in real time, the emulator and the controller: forked from a warm server, or as console scripts."""
 
 import json
 import select
@@ -12,6 +12,8 @@ from pathlib import Path
 
 from firmware_sim.links import listen
 from firmware_sim.slcan_port import SlcanPort
+from tests import fork_server
+from tests.fork_server import ForkedProgram
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = ROOT / "config"
@@ -88,15 +90,21 @@ class Emulator:
         wait_for(lambda: len(self.commanded()) >= changes, timeout_s=40.0)  # a busy machine starts slowly
 
 
-@contextmanager
-def emulator(record, *arguments, scenario=None, transport=("--slcan", "0")):
-    story = () if scenario is None else ("--scenario", scenario)
-    process = subprocess.Popen(
-        [BIN / "firmware-sim", *transport, "--seed", "1", "--record", record, *map(str, (*story, *arguments))],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
+def start(command, *, is_forked=True):
+    """A program of ours, its outputs on pipes. is_forked : by the fork server; otherwise it is the console script."""
+    if is_forked:
+        return ForkedProgram(command)
+    name, *arguments = command
+    return subprocess.Popen(
+        [BIN / name, *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
+
+
+@contextmanager
+def emulator(record, *arguments, scenario=None, transport=("--slcan", "0"), is_forked=True):
+    story = () if scenario is None else ("--scenario", scenario)
+    command = ["firmware-sim", *transport, "--seed", "1", "--record", record, *story, *arguments]
+    process = start(command, is_forked=is_forked)
     try:
         readable, _, _ = select.select([process.stdout], [], [], 20.0)
         assert readable, "the emulator does not come up"
@@ -152,13 +160,9 @@ class Controller:
 
 
 @contextmanager
-def controller(scenario, channel, folder, *options):
-    process = subprocess.Popen(
-        [BIN / "hil", "run", scenario, "-i", "slcan", "-c", channel, "--out", folder, *map(str, options)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+def controller(scenario, channel, folder, *options, is_forked=True):
+    command = ["hil", "run", scenario, "-i", "slcan", "-c", channel, "--out", folder, *options]
+    process = start(command, is_forked=is_forked)
     try:
         yield Controller(process, folder)
     finally:
@@ -172,9 +176,7 @@ PLAIN = ("--no-rerun", "--no-report")
 
 
 def hil(*arguments):
-    return subprocess.run(
-        [BIN / "hil", *map(str, arguments)], capture_output=True, text=True, timeout=60.0, check=False
-    )
+    return fork_server.run(["hil", *arguments])
 
 
 def sent_s(folder):

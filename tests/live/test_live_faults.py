@@ -68,7 +68,7 @@ def killed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("killed")
     scenario = write_scenario(folder, arm_timeout=1.0)
     with emulator(folder / "node.jsonl") as rig:
-        with controller(scenario, rig.channel, folder / "run") as run:
+        with controller(scenario, rig.channel, folder / "run", is_forked=False) as run:
             rig.wait_until_it_runs(changes=25)
             run.process.kill()
             wait_for(lambda: rig.pump()[-1]["cause"] == "watchdog", timeout_s=2.0)

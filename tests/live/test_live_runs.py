@@ -19,12 +19,12 @@ FILES = {"run.json", "can.log", "ticks.csv", "events.jsonl", "run.rrd", "kpi.jso
 
 @pytest.fixture(scope="module")
 def whole_run(tmp_path_factory):
-    """10 s over TCP with a reference step and a fault: the controller and the node's record."""
+    """10 s over TCP with a reference step and a fault, by the console scripts: the controller and the node's record."""
     folder = tmp_path_factory.mktemp("live")
     scenario = write_scenario(folder, duration=10.0)
     with (
-        emulator(folder / "node.jsonl", scenario=scenario) as rig,
-        controller(scenario, rig.channel, folder / "run") as run,
+        emulator(folder / "node.jsonl", scenario=scenario, is_forked=False) as rig,
+        controller(scenario, rig.channel, folder / "run", is_forked=False) as run,
     ):
         assert run.wait(60.0) == 0, (run.out, run.err)
         yield run, rig
@@ -115,7 +115,7 @@ def test_a_run_in_real_time_completes_with_whatever_is_granted(tmp_path):
     scenario = write_scenario(tmp_path, duration=3.0)
     with (
         emulator(tmp_path / "node.jsonl", scenario=scenario) as rig,
-        controller(scenario, rig.channel, tmp_path / "run", "--realtime", *PLAIN) as run,
+        controller(scenario, rig.channel, tmp_path / "run", "--realtime", *PLAIN, is_forked=False) as run,
     ):
         assert run.wait(40.0) == 0, (run.out, run.err)
     _, events = read(RunFolder.open(run.folder))
