@@ -1,8 +1,8 @@
 """Command firmware-sim: serve the emulated rig on a CAN bus, a TCP port or a pseudo-terminal.
 
 Exit codes: 0 after SIGTERM, SIGINT or SIGHUP; 1 if the service failed; 2 for bad input. Errors are one line on
-stderr. One line on stdout says when the rig is ready and where, with --control a second one where it takes commands;
-after that come the answers to commands on standard input.
+stderr. One line on stdout says that the rig is ready and where, with --control a second one where it accepts commands;
+then come the answers to commands on standard input.
 """
 
 import errno
@@ -13,50 +13,69 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from firmware_sim.command_server import Control
+    from firmware_sim.command_server import CommandServer
     from firmware_sim.ports import Port
     from firmware_sim.rig import Rig
 
 BAD_INPUT = 2
 FAILED = 1
 
+HELP = """
+Example: firmware-sim --slcan 29536 --scenario paper
+
+Emulate the four-tank rig in real time: pump node, level node and tanks. Give one of --slcan, --pty and -i. While it
+runs, it reads commands such as "failure pump off -i 1" on standard input; "failure help" lists them.
+"""
+
 app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
 
 
 class UsageError(ValueError):
-    """What was asked for cannot be done."""
+    """The command line asks for something that can't be done."""
 
 
-@app.command()
+def _list_faults(is_wanted: bool) -> None:
+    if is_wanted:
+        from firmware_sim.faults.catalogue import as_text
+
+        sys.stdout.write(as_text())
+        raise typer.Exit
+
+
+@app.command(help=HELP)
 def serve(
     slcan: Annotated[int | None, typer.Option(min=0, max=65535, help="TCP port on 127.0.0.1; 0: a free one.")] = None,
     pty: Annotated[bool, typer.Option("--pty", help="Serve slcan on a pseudo-terminal.")] = False,
     interface: Annotated[str | None, typer.Option("-i", "--interface", help="python-can interface.")] = None,
     channel: Annotated[str | None, typer.Option("-c", "--channel", help="Channel of the interface.")] = None,
     bitrate: Annotated[int | None, typer.Option("-b", "--bitrate", min=1, help="Bit rate in bit/s.")] = None,
-    scenario: Annotated[str | None, typer.Option(help="Scenario: a file, or a name in scenarios/.")] = None,
+    scenario: Annotated[str | None, typer.Option(help="Scenario: a file, or the name of a shipped one.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the sensor noise.")] = 0,
     record: Annotated[Path | None, typer.Option(help="New file for state and voltage changes (JSON lines).")] = None,
     control: Annotated[
-        str | None, typer.Option(metavar="PATH|PORT", help="Take failure commands here, not only on standard input.")
+        str | None, typer.Option(metavar="PATH|PORT", help="Accept failure commands here too: Unix socket or TCP port.")
     ] = None,
     config: Annotated[Path | None, typer.Option(help="Directory with bench.dbc and emulator.toml.")] = None,
+    faults: Annotated[
+        bool, typer.Option("--faults", is_eager=True, callback=_list_faults, help="List the fault kinds and exit.")
+    ] = False,
 ) -> None:
     """Emulate the four-tank rig: pump node, level node and tanks, in real time."""
+    del faults
     from firmware_sim.change_record import ChangeRecord
     from firmware_sim.rig import Rig
     from firmware_sim.settings import default_config_dir, load, load_fingerprint
 
     _check_transport(slcan, pty, interface, channel, bitrate)
     folder = config if config is not None else default_config_dir()
-    settings, faults = load(folder / "emulator.toml", _scenario_file(folder, scenario))
+    settings, scheduled = load(folder / "emulator.toml", _scenario_file(folder, scenario))
     fingerprint = load_fingerprint(folder / "bench.dbc")
     try:
         observer = None if record is None else ChangeRecord(record)
     except OSError as error:
         raise UsageError(f"--record {record}: {error.strerror}") from None
-    rig = Rig(settings, faults, seed, fingerprint, observer)
-    commands = _control(rig, control)
+    rig = Rig(settings, scheduled, seed, fingerprint, observer)
+    commands = _command_server(rig, control)
     try:
         if interface is not None:
             _serve_bus(rig, commands, interface, channel, bitrate)
@@ -86,36 +105,36 @@ def _scenario_file(folder: Path, scenario: str | None) -> Path | None:
     return named if not Path(scenario).exists() and named.is_file() else Path(scenario)
 
 
-def _control(rig: "Rig", where: str | None) -> "Control":
-    from firmware_sim.command_server import Control, listen_unix
+def _command_server(rig: "Rig", where: str | None) -> "CommandServer":
+    from firmware_sim.command_server import CommandServer, listen_unix
     from firmware_sim.links import listen
 
     if where is None:
-        return Control(rig, with_stdin=True)
+        return CommandServer(rig, with_stdin=True)
     try:
         listener = listen(int(where)) if where.isdecimal() else listen_unix(Path(where))
     except (OSError, OverflowError) as error:
         raise UsageError(f"--control {where}: {getattr(error, 'strerror', None) or error}") from None
-    return Control(rig, listener, with_stdin=True)
+    return CommandServer(rig, listener, with_stdin=True)
 
 
-def _serve_slcan(rig: "Rig", control: "Control", tcp_port: int | None) -> None:
+def _serve_slcan(rig: "Rig", commands: "CommandServer", tcp_port: int | None) -> None:
     from firmware_sim.links import listen
     from firmware_sim.ports import PtyPort, TcpPort
 
     if tcp_port is None:
         pty_port = PtyPort(rig)
-        _run(rig, control, pty_port, f"slcan on {pty_port.path}")
+        _run(rig, commands, pty_port, f"slcan on {pty_port.path}")
         return
     try:
         listener = listen(tcp_port)
     except OSError as error:
         raise UsageError(f"--slcan {tcp_port}: {error.strerror}") from None
     address = f"socket://127.0.0.1:{listener.getsockname()[1]}"
-    _run(rig, control, TcpPort(rig, listener), f"slcan on {address}")
+    _run(rig, commands, TcpPort(rig, listener), f"slcan on {address}")
 
 
-def _serve_bus(rig: "Rig", control: "Control", interface: str, channel: str | None, bitrate: int | None) -> None:
+def _serve_bus(rig: "Rig", commands: "CommandServer", interface: str, channel: str | None, bitrate: int | None) -> None:
     import can
 
     from firmware_sim.kernel_port import InterfacePort, is_there
@@ -138,7 +157,7 @@ def _serve_bus(rig: "Rig", control: "Control", interface: str, channel: str | No
         raise UsageError(f"-i {interface} -c {channel}: cannot open the bus: {what}") from None
     with bus:
         port = InterfacePort(rig, bus, lambda: is_there(str(channel)), open_bus) if is_kernel else BusPort(rig, bus)
-        _run(rig, control, port, f"{interface} on {channel}")
+        _run(rig, commands, port, f"{interface} on {channel}")
 
 
 def _has_socketcan() -> bool:
@@ -153,17 +172,17 @@ def _has_socketcan() -> bool:
     return True
 
 
-def _run(rig: "Rig", control: "Control", port: "Port", where: str) -> None:
+def _run(rig: "Rig", commands: "CommandServer", port: "Port", where: str) -> None:
     import signal
 
     from firmware_sim.serve import Service
 
-    service = Service(rig, port, control=control)
+    service = Service(rig, port, commands=commands)
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, lambda _number, _frame: service.stop())
     sys.stdout.write(f"firmware-sim ready: {where}\n")
-    if control.address is not None:
-        sys.stdout.write(f"firmware-sim control: {control.address}\n")
+    if commands.address is not None:
+        sys.stdout.write(f"firmware-sim control: {commands.address}\n")
     sys.stdout.flush()
     service.serve()
 

@@ -1,6 +1,6 @@
 """Commands for the emulator while it runs: lines on standard input and on a local socket, an answer line to each.
 
-Nothing here blocks, and no host of a control socket can hold the rig up: one that does not read its answers is dropped.
+No call here blocks. A client that does not read its answers is disconnected, so that it can't delay the rig.
 """
 
 import contextlib
@@ -11,7 +11,7 @@ import stat
 import sys
 from pathlib import Path
 
-from firmware_sim.failure_command import Injector, obey
+from firmware_sim.failure_command import Injector, execute
 
 READ_SIZE = 4096
 LINE_MAX = 1024
@@ -19,7 +19,7 @@ STDIN = 0
 
 
 class Lines:
-    """Bytes to lines; a line longer than LINE_MAX comes cut off, so that it is refused."""
+    """Splits bytes into lines; a line longer than LINE_MAX is cut off, so that it is refused."""
 
     def __init__(self) -> None:
         self._rest = b""
@@ -32,8 +32,8 @@ class Lines:
         return [text for text in texts if text]
 
 
-class Control:
-    """Standard input, if wanted, and a listener of the caller's, which is closed with it."""
+class CommandServer:
+    """Reads commands from standard input (with_stdin) and from the clients of a listener, which `close` closes."""
 
     def __init__(self, rig: Injector, listener: socket.socket | None = None, *, with_stdin: bool = False) -> None:
         self._rig = rig
@@ -43,27 +43,27 @@ class Control:
 
     @property
     def address(self) -> str | None:
-        """Where hosts reach the listener: a path, or an address and port."""
+        """Address of the listener: a path, or host and port; None without one."""
         if self._listener is None:
             return None
         name = self._listener.getsockname()
         return name if isinstance(name, str) else f"{name[0]}:{name[1]}"
 
     def filenos(self) -> list[int]:
-        """Return what is worth waiting for."""
+        """Return the descriptors to wait for."""
         sockets = [*([] if self._listener is None else [self._listener]), *self._clients]
         return [*([STDIN] if self._may_read_stdin() else []), *(one.fileno() for one in sockets)]
 
     def read(self, now_ns: int) -> None:
-        """Carry out every command that waits, as given now."""
+        """Carry out all waiting commands at time now_ns."""
         if self._may_read_stdin():
             self._read_stdin(now_ns)
-        self._admit()
+        self._accept()
         for client in list(self._clients):
             self._read_client(client, now_ns)
 
     def close(self) -> None:
-        """Close the listener and its hosts, and take a Unix socket's path away."""
+        """Disconnect the clients, close the listener, and remove a Unix socket's path."""
         for client in list(self._clients):
             self._drop(client)
         if self._listener is not None:
@@ -74,7 +74,7 @@ class Control:
             self._listener = None
 
     def _may_read_stdin(self) -> bool:
-        """A background process that reads from its terminal would be stopped."""
+        """Whether reading is possible: the system would stop a background process that reads from its terminal."""
         if self._stdin is None:
             return False
         try:
@@ -89,12 +89,12 @@ class Control:
             except OSError:
                 data = b""
             for line in self._stdin.feed(data):
-                sys.stdout.write(obey(line, self._rig, now_ns) + "\n")
+                sys.stdout.write(execute(line, self._rig, now_ns) + "\n")
                 sys.stdout.flush()
             if not data:
                 self._stdin = None
 
-    def _admit(self) -> None:
+    def _accept(self) -> None:
         while self._listener is not None:
             try:
                 client, _ = self._listener.accept()
@@ -110,7 +110,7 @@ class Control:
             return
         except OSError:
             data = b""
-        answers = "".join(obey(line, self._rig, now_ns) + "\n" for line in self._clients[client].feed(data))
+        answers = "".join(execute(line, self._rig, now_ns) + "\n" for line in self._clients[client].feed(data))
         answered = answers.encode()
         try:
             is_taken = client.send(answered) == len(answered) if answered else True
@@ -125,7 +125,7 @@ class Control:
 
 
 def listen_unix(path: Path) -> socket.socket:
-    """Open a listener at a path; one that nobody listens at any more is taken over. Raises OSError."""
+    """Open a listener at a path; an abandoned socket at that path is replaced. Raises OSError."""
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
         if _is_abandoned(path):

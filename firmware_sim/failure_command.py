@@ -2,9 +2,11 @@
 
     failure <component> <failure type> [-i INSTANCE] [-v VALUE] [-t SECONDS]
     failure <component> ok [-i INSTANCE]
+    failure help [<component>]
 
 Instance 0, or none, means all of them. `ok` ends what acts on the component now. A failure type is one of the
-component's words or a kind of fault by its own name. The answer is one line: "ok ..." or "error: ...".
+component's words or a kind of fault by its own name; both come from the fault catalogue. The answer is one line:
+"ok ..." or "error: ...".
 """
 
 import math
@@ -14,19 +16,41 @@ from typing import Any, Protocol, cast
 
 from pydantic import ValidationError
 
-from firmware_sim.faults.base import Fault
-from firmware_sim.faults.catalogue import KINDS
+from firmware_sim.faults.base import Fault, FaultTable
+from firmware_sim.faults.catalogue import KINDS, value_of
 
 USAGE = "failure <component> <failure type> [-i INSTANCE] [-v VALUE] [-t SECONDS]"
 
+TARGETS: dict[str, tuple[int | str, ...]] = {
+    "pump": (1, 2),
+    "valve": (1, 2),
+    "reservoir": (0,),
+    "tank": (1, 2, 3, 4),
+    "level": (1, 2, 3, 4),
+    "node": ("pump", "level"),
+    "bus": ("all",),
+    "frames": ("all",),
+}
+"""Components, and the fault's target for each of their instances 1, 2, ..."""
 
-class CommandError(ValueError):
+FRAME_COMPONENTS = {
+    "pump_command": "PumpCommand",
+    "pump_status": "PumpStatus",
+    "lower_levels": "LowerLevels",
+    "upper_levels": "UpperLevels",
+    "pump_heartbeat": "PumpHeartbeat",
+    "level_heartbeat": "LevelHeartbeat",
+}
+"""Components that are one frame each; they have the failure types of `frames`."""
+
+
+class FailureCommandError(ValueError):
     """A command that can't be carried out."""
 
 
 @dataclass(frozen=True)
-class Word:
-    """A failure type: the kind that it stands for, its value if none is given, its target if it has its own."""
+class FailureType:
+    """What a failure type stands for: a kind, its value if none is given, its target if it has its own."""
 
     kind: str
     value: float | None = None
@@ -38,72 +62,29 @@ class Component:
     """Something that can fail. targets : of instances 1, 2, ... . owns_kinds : `ok` ends its kinds on any target."""
 
     targets: tuple[int | str, ...]
-    words: Mapping[str, Word]
+    types: Mapping[str, FailureType]
     owns_kinds: bool = True
 
 
-def _words(**kinds: str | Word) -> dict[str, Word]:
-    """Words of a component, its kinds' own names among them."""
-    words = {word: Word(kind) if isinstance(kind, str) else kind for word, kind in kinds.items()}
-    own_names = {word.kind: Word(word.kind, target=word.target) for word in reversed(words.values())}
-    return {**words, **own_names}
+def components_for(kinds: Mapping[str, type[FaultTable]]) -> dict[str, Component]:
+    """The components with the failure types that these kinds of fault name in their `words`."""
+    components = {name: Component(targets, _types_of(name, kinds)) for name, targets in TARGETS.items()}
+    frame_types = components["frames"].types
+    frames = {name: Component((frame,), frame_types, owns_kinds=False) for name, frame in FRAME_COMPONENTS.items()}
+    return {**components, **frames}
 
 
-_FRAME_WORDS = _words(
-    off=Word("frame_loss", 1.0),
-    intermittent="frame_loss",
-    burst="frame_burst",
-    delayed="frame_delay",
-    duplicate="frame_duplicate",
-    reorder="frame_reorder",
-    garbage=Word("frame_corrupt", 1.0),
-    stuck="counter_stuck",
-    short="wrong_length",
-    wrong="wrong_id",
-    extended="extended_id",
-    remote="remote_frame",
-)
+def _types_of(component: str, kinds: Mapping[str, type[FaultTable]]) -> dict[str, FailureType]:
+    """Failure types of a component: the words first, then the kinds' own names."""
+    calls = [(kind, call) for kind, table in kinds.items() for call in table.words if call.component == component]
+    types = {call.word: FailureType(kind, call.value, call.target) for kind, call in calls}
+    own_names: dict[str, FailureType] = {}
+    for kind, call in calls:
+        own_names.setdefault(kind, FailureType(kind, target=call.target))
+    return {**types, **own_names}
 
-COMPONENTS: dict[str, Component] = {
-    "pump": Component(
-        (1, 2), _words(off="pump_dead", stuck="pump_stuck_on", slow="pump_lag", wrong="pump_effectiveness")
-    ),
-    "valve": Component((1, 2), _words(wrong="valve_split")),
-    "reservoir": Component((0,), _words(off="reservoir_low")),
-    "tank": Component((1, 2, 3, 4), _words(leak="leak", blocked="outlet_block")),
-    "level": Component(
-        (1, 2, 3, 4),
-        _words(
-            off="sensor_open",
-            stuck="sensor_stuck",
-            garbage="sensor_garbage",
-            wrong="sensor_bias",
-            drift="sensor_drift",
-            noise="sensor_noise",
-        ),
-    ),
-    "node": Component(
-        ("pump", "level"),
-        _words(off="node_silent", reboot="node_reboot", no_heartbeat="heartbeat_stop", clock="clock_jump"),
-    ),
-    "bus": Component(
-        ("all",),
-        _words(
-            off="bus_off",
-            errors="error_frames",
-            babble=Word("babble", target="foreign"),
-            flood=Word("babble", target="top"),
-            command=Word("foreign_command", target="PumpCommand"),
-        ),
-    ),
-    "frames": Component(("all",), _FRAME_WORDS),
-    "pump_command": Component(("PumpCommand",), _FRAME_WORDS, owns_kinds=False),
-    "pump_status": Component(("PumpStatus",), _FRAME_WORDS, owns_kinds=False),
-    "lower_levels": Component(("LowerLevels",), _FRAME_WORDS, owns_kinds=False),
-    "upper_levels": Component(("UpperLevels",), _FRAME_WORDS, owns_kinds=False),
-    "pump_heartbeat": Component(("PumpHeartbeat",), _FRAME_WORDS, owns_kinds=False),
-    "level_heartbeat": Component(("LevelHeartbeat",), _FRAME_WORDS, owns_kinds=False),
-}
+
+COMPONENTS = components_for(KINDS)
 
 
 class Injector(Protocol):
@@ -117,7 +98,7 @@ class Injector(Protocol):
 
 
 @dataclass(frozen=True)
-class Options:
+class FailureOptions:
     """What follows a failure type; None where nothing was given. instance 0 : all."""
 
     instance: int = 0
@@ -126,97 +107,114 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Command:
-    """A command that names something that is there."""
+class FailureCommand:
+    """A checked command: its component and failure type exist."""
 
     component_name: str
     component: Component
     type_name: str
-    options: Options = field(default_factory=Options)
+    options: FailureOptions = field(default_factory=FailureOptions)
 
     @property
     def targets(self) -> tuple[int | str, ...]:
-        """Targets meant by the instance."""
+        """Targets that the instance selects."""
         instance = self.options.instance
         return self.component.targets if instance == 0 else self.component.targets[instance - 1 : instance]
 
 
-def obey(line: str, rig: Injector, now_ns: int) -> str:
+def execute(line: str, rig: Injector, now_ns: int) -> str:
     """Carry a command out on the rig at now_ns and return its answer. Raises nothing for bad commands."""
     try:
         words = line.split()
-        if words == ["failure", "help"]:
-            return f"ok {USAGE}; components: {', '.join(COMPONENTS)}"
+        if words[:2] == ["failure", "help"]:
+            return _help(words[2:])
         command = parse(words)
         if command.type_name == "ok":
-            kinds = {word.kind for word in command.component.words.values()}
+            kinds = {failure_type.kind for failure_type in command.component.types.values()}
             is_any = command.component.owns_kinds and command.options.instance == 0
             count = rig.recover(kinds, None if is_any else set(command.targets), now_ns)
             return f"ok {command.component_name}: {count} ended"
         faults = build(command)
-    except CommandError as error:
+    except FailureCommandError as error:
         return f"error: {error}"
     for fault in faults:
         rig.inject(fault, now_ns)
     return f"ok {faults[0].kind} {', '.join(str(fault.target) for fault in faults)}"
 
 
-def parse(words: list[str]) -> Command:
-    """Read a command. Raises CommandError."""
+def parse(words: list[str]) -> FailureCommand:
+    """Read a command. Raises FailureCommandError."""
     if not words or words[0] != "failure":
-        raise CommandError(f"unknown command {words[0]!r}: {USAGE}" if words else f"empty: {USAGE}")
-    if len(words) < 2 or words[1] not in COMPONENTS:
-        what = f"unknown component {words[1]!r}" if len(words) > 1 else "component is missing"
-        raise CommandError(f"{what}: one of {', '.join(COMPONENTS)}")
-    name, component = words[1], COMPONENTS[words[1]]
-    if len(words) < 3 or words[2] not in ("ok", *component.words):
+        raise FailureCommandError(f"unknown command {words[0]!r}: {USAGE}" if words else f"empty: {USAGE}")
+    if len(words) < 2:
+        raise FailureCommandError(f"component is missing: one of {', '.join(COMPONENTS)}")
+    name, component = words[1], _component(words[1])
+    if len(words) < 3 or words[2] not in ("ok", *component.types):
         what = f"{name} has no failure type {words[2]!r}" if len(words) > 2 else f"failure type of {name} is missing"
-        raise CommandError(f"{what}: one of ok, {', '.join(component.words)}")
+        raise FailureCommandError(f"{what}: one of ok, {', '.join(component.types)}")
     options = _options(words[3:])
     highest = len(component.targets)
     if not 0 <= options.instance <= highest:
-        raise CommandError(f"-i {options.instance}: {name} has instances 1 .. {highest}, and 0 for all")
+        raise FailureCommandError(f"-i {options.instance}: {name} has instances 1 .. {highest}, and 0 for all")
     if words[2] == "ok" and (options.value is not None or options.lasts_s is not None):
-        raise CommandError(f"{name} ok takes neither -v nor -t")
-    return Command(name, component, words[2], options)
+        raise FailureCommandError(f"{name} ok takes neither -v nor -t")
+    return FailureCommand(name, component, words[2], options)
 
 
-def build(command: Command) -> tuple[Fault, ...]:
-    """Make the faults that a command asks for, one for each target. Raises CommandError."""
-    word, options = command.component.words[command.type_name], command.options
-    table, called = KINDS[word.kind], f"{command.component_name} {command.type_name}"
-    value = word.value if options.value is None else options.value
+def build(command: FailureCommand) -> tuple[Fault, ...]:
+    """Make the faults that a command asks for, one for each target. Raises FailureCommandError."""
+    failure_type, options = command.component.types[command.type_name], command.options
+    table, called = KINDS[failure_type.kind], f"{command.component_name} {command.type_name}"
+    value = failure_type.value if options.value is None else options.value
     if "value" not in table.model_fields and options.value is not None:
-        raise CommandError(f"{called} takes no -v")
-    given: dict[str, Any] = {"kind": word.kind, "at_s": 0.0}
+        raise FailureCommandError(f"{called} takes no -v")
+    given: dict[str, Any] = {"kind": failure_type.kind, "at_s": 0.0}
     given |= {} if value is None else {"value": value}
     given |= {} if options.lasts_s is None else {"until_s": options.lasts_s}
-    targets = command.targets if word.target is None else (word.target,)
+    targets = command.targets if failure_type.target is None else (failure_type.target,)
     try:
         return tuple(cast(Fault, table.model_validate({**given, "target": target})) for target in targets)
     except ValidationError as error:
         complaint = error.errors(include_url=False)[0]
     key = complaint["loc"][0]
     if complaint["type"] == "missing":
-        raise CommandError(f"{called} needs -v VALUE")
+        raise FailureCommandError(f"{called} needs -v VALUE: {value_of(table)}")
     option, shown = ("-t", options.lasts_s) if key == "until_s" else ("-v", value)
-    raise CommandError(f"{option} {shown:g}: {complaint['msg']}")
+    raise FailureCommandError(f"{option} {shown:g}: {complaint['msg']}")
 
 
-def _options(words: list[str]) -> Options:
+def _component(name: str) -> Component:
+    if name not in COMPONENTS:
+        raise FailureCommandError(f"unknown component {name!r}: one of {', '.join(COMPONENTS)}")
+    return COMPONENTS[name]
+
+
+def _help(names: list[str]) -> str:
+    """The components, or one component's failure types with the values that they take."""
+    if not names:
+        return f"ok {USAGE}; components: {', '.join(COMPONENTS)}"
+    component = _component(names[0])
+    types = []
+    for name, failure_type in component.types.items():
+        value = value_of(KINDS[failure_type.kind])
+        types.append(f"{name} (-v {value})" if value else name)
+    return f"ok {names[0]} -i 1 .. {len(component.targets)}: ok, {', '.join(types)}"
+
+
+def _options(words: list[str]) -> FailureOptions:
     found: dict[str, float] = {}
     for flag, text in zip(words[::2], [*words[1::2], None], strict=False):
         if flag not in ("-i", "-v", "-t"):
-            raise CommandError(f"unknown option {flag!r}: -i, -v and -t there are")
+            raise FailureCommandError(f"unknown option {flag!r}: must be -i, -v or -t")
         if text is None:
-            raise CommandError(f"{flag} needs a number")
+            raise FailureCommandError(f"{flag} needs a number")
         if flag in found:
-            raise CommandError(f"{flag} is there twice")
+            raise FailureCommandError(f"{flag} is given twice")
         found[flag] = _number(flag, text)
     instance = found.get("-i", 0.0)
     if not instance.is_integer():
-        raise CommandError(f"-i {instance:g}: must be a whole number")
-    return Options(int(instance), found.get("-v"), found.get("-t"))
+        raise FailureCommandError(f"-i {instance:g}: must be a whole number")
+    return FailureOptions(int(instance), found.get("-v"), found.get("-t"))
 
 
 def _number(flag: str, text: str) -> float:
@@ -225,5 +223,5 @@ def _number(flag: str, text: str) -> float:
     except ValueError:
         number = math.nan
     if not math.isfinite(number):
-        raise CommandError(f"{flag} {text}: must be a number")
+        raise FailureCommandError(f"{flag} {text}: must be a number")
     return number

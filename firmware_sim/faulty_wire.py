@@ -1,6 +1,6 @@
-"""What happens to frames between the nodes and the bus while faults act there.
+"""The wire between nodes and bus while frame or bus faults are active.
 
-The rig sends frames through here only while `is_active`; a healthy bus costs nothing.
+The rig sends frames through here only while `is_active`; a healthy bus costs no time.
 """
 
 import heapq
@@ -12,24 +12,24 @@ from can import Message
 from firmware_sim.faults.effects import NS_PER_S, Effects, Source, Stage
 from firmware_sim.frames import COMMAND_ID, remade
 
-NOT_OURS = -1
+FOREIGN = -1
 
 
 class FaultyWire:
-    """Stages, delays and strangers, in the order in which things happen on the emulator's clock.
+    """Stages, delays and unknown senders, in the order of their times on the emulator's clock.
 
-    send : puts a frame on the bus. hear : hands a frame to the pump node at a time. next_counter : the counter that
-    the pump node would take next.
+    send : puts a frame on the bus. receive : gives a frame to the pump node at a time in ns. next_counter : the
+    counter that the pump node would accept next.
     """
 
     def __init__(
         self,
         send: Callable[[Message], None],
-        hear: Callable[[Message, int], object],
+        receive: Callable[[Message, int], object],
         next_counter: Callable[[], int],
     ) -> None:
         self._send = send
-        self._hear = hear
+        self._receive = receive
         self._next_counter = next_counter
         self._effects = Effects()
         self._stages: dict[int, list[Stage]] = {}
@@ -40,7 +40,7 @@ class FaultyWire:
 
     @property
     def next_ns(self) -> int | None:
-        """When the next delayed or strange frame is due, or None."""
+        """When the next delayed or foreign frame is due, or None."""
         if not self._sources and not self._delayed:
             return None
         due_ns = [source.next_ns for source in self._sources]
@@ -48,8 +48,8 @@ class FaultyWire:
             due_ns.append(self._delayed[0][0])
         return min(due_ns, default=None)
 
-    def obey(self, effects: Effects, now_ns: int) -> None:
-        """Take the effects from now on; a stage that goes gives back what it held."""
+    def apply_effects(self, effects: Effects, now_ns: int) -> None:
+        """Use these effects from now on; a stage that ends passes on the frames that it held back."""
         before, self._effects = self._stages, effects
         self._stages = {
             can_id: [stage for _, stage in sorted(stages.items())] for can_id, stages in effects.stages.items()
@@ -67,7 +67,7 @@ class FaultyWire:
         )
 
     def carry(self, can_id: int, frame: Message, now_ns: int) -> None:
-        """Take a frame from its sender: a node, or for PumpCommand and what is NOT_OURS the bus."""
+        """Take a frame from its sender: a node, or the bus for PumpCommand and FOREIGN."""
         if self._is_cut(can_id):
             return
         frames = [frame]
@@ -81,7 +81,7 @@ class FaultyWire:
                 self._deliver(can_id, passed, now_ns)
 
     def run_due(self, now_ns: int) -> None:
-        """Deliver delayed frames and send strange ones that are due."""
+        """Deliver the delayed frames and send the foreign ones that are due."""
         while self._delayed and self._delayed[0][0] <= now_ns:
             _, _, can_id, frame = heapq.heappop(self._delayed)
             if not self._is_cut(can_id):
@@ -89,21 +89,21 @@ class FaultyWire:
         for source in self._sources:
             while source.next_ns <= now_ns:
                 source.next_ns += source.period_ns
-                self._intrude(source.frame(now_ns, self._next_counter()), now_ns)
+                self._send_foreign(source.frame(now_ns, self._next_counter()), now_ns)
 
     def _is_cut(self, can_id: int) -> bool:
         effects = self._effects
         return effects.is_bus_off or effects.is_jammed or can_id in effects.muted
 
     def _deliver(self, can_id: int, frame: Message, now_ns: int) -> None:
-        if can_id in (COMMAND_ID, NOT_OURS):
-            self._hear(frame, now_ns)
+        if can_id in (COMMAND_ID, FOREIGN):
+            self._receive(frame, now_ns)
         else:
             time_s = now_ns / NS_PER_S
             self._send(frame if frame.timestamp == time_s else remade(frame, timestamp_s=time_s))
 
-    def _intrude(self, frame: Message, now_ns: int) -> None:
-        """Let a stranger send, as far as there is a bus, and let the pump node hear a stranger's command."""
+    def _send_foreign(self, frame: Message, now_ns: int) -> None:
+        """Send an unknown sender's frame unless the bus is off; a command also goes to the pump node."""
         is_command = frame.arbitration_id == COMMAND_ID and not frame.is_error_frame
         if self._effects.is_bus_off or (is_command and self._effects.is_jammed):
             return

@@ -76,7 +76,7 @@ class TripCause(IntEnum):
 
 
 class ChannelStatus(IntEnum):
-    """What a level channel says about its own reading."""
+    """Status that a level channel sends with its reading."""
 
     OK = 0
     UNDER_RANGE = 1
@@ -85,9 +85,9 @@ class ChannelStatus(IntEnum):
 
 
 class Frame(Message):
-    """A frame of ours: sent once and never touched again, so that it need not be copied.
+    """A frame from a node: never changed after it was sent, so that it need not be copied.
 
-    python-can's virtual bus makes a deep copy of each frame for each receiver, which lockstep would feel.
+    python-can's virtual bus makes a deep copy of each frame for each receiver, which would slow lockstep down.
     """
 
     __slots__ = ()
@@ -123,7 +123,7 @@ def remade(
 
 
 class Rejection(Enum):
-    """Why a frame was not taken as a command; lost: a fault kept it from the node, which knows nothing of it."""
+    """Why a frame was not accepted as a command; lost: a fault kept it from the node."""
 
     LOST = "lost"
     FOREIGN = "foreign"
@@ -141,7 +141,7 @@ class Rejection(Enum):
 
 @dataclass(frozen=True, slots=True)
 class PumpCommand:
-    """An intact command frame; nothing is said yet about its counter."""
+    """An intact command frame, its counter not yet checked."""
 
     command_V: tuple[float, float]
     enable: bool
@@ -177,7 +177,7 @@ def crc8(can_id: int, payload: bytes | bytearray) -> int:
 
 
 def sealed(can_id: int, payload: bytes) -> bytes:
-    """Return the payload with its CRC byte behind it."""
+    """Return the payload followed by its CRC byte."""
     return payload + bytes((crc8(can_id, payload),))
 
 
@@ -211,7 +211,7 @@ def pack_levels(
 
 
 def unpack_levels(payload: bytes) -> list[tuple[float, ChannelStatus]]:
-    """Both readings of a LowerLevels or UpperLevels payload of ours: V and status."""
+    """Both readings of a LowerLevels or UpperLevels payload that this node sent: V and status."""
     raw1, raw2, statuses, _ = _LEVELS.unpack(payload[:-1])
     return [(raw1 / RAW_PER_V, ChannelStatus(statuses & 0x0F)), (raw2 / RAW_PER_V, ChannelStatus(statuses >> 4))]
 
@@ -252,7 +252,7 @@ def _wrong_kind(frame: Message) -> Rejection | None:
 def counter_verdict(counter: int, last: int) -> int | Rejection:
     """How many commands were lost between the last accepted counter and this one, or why this one is refused.
 
-    A step of 1 to 8 (modulo 16) is new; 0 is the same frame again; 9 to 15 is one from the past.
+    A step of 1 to 8 (modulo 16) is new; 0 is a duplicate; 9 to 15 is an old frame.
     """
     step = (counter - last) % COUNTER_MODULUS
     if step == 0:

@@ -1,7 +1,7 @@
-"""A port on an interface of the kernel, SocketCAN, which may be taken down, unplugged and plugged in again.
+"""A port on a SocketCAN interface, which may be taken down, unplugged and plugged in again.
 
-Down and up again it is the same interface: frames sent meanwhile are lost, the rig's watchdog has its way. Unplugged it
-never comes back, but another of the same name may: that one is opened anew.
+An interface that was down is the same one when it is up again; frames sent meanwhile are lost, and the pump node's
+watchdog trips. An interface that was unplugged does not come back, but another one of its name may: the port opens it.
 """
 
 import errno
@@ -16,7 +16,7 @@ from firmware_sim.ports import BUS_ERRORS, BusPort
 from firmware_sim.rig import Rig
 
 GONE = frozenset({errno.ENODEV, errno.ENXIO})
-LOOK_AGAIN_NS = NS_PER_S // 5
+RETRY_NS = NS_PER_S // 5
 
 
 def is_there(channel: str) -> bool:
@@ -29,7 +29,7 @@ def is_there(channel: str) -> bool:
 
 
 class InterfacePort(BusPort):
-    """Ties a rig to a kernel's interface. `reopened` counts how often it came back.
+    """Connects a rig to a SocketCAN interface. `reopened` counts how often it came back.
 
     is_back : whether there is an interface to open. open_bus : opens it; may raise what buses raise.
     """
@@ -39,16 +39,16 @@ class InterfacePort(BusPort):
         self._is_back = is_back
         self._open_bus = open_bus
         self._is_gone = False
-        self._look_again_ns = 0
+        self._retry_ns = 0
         self._silence = os.eventfd(0)
         self.reopened = 0
 
     def filenos(self) -> list[int]:
-        """Return the interface's descriptor; while it is away one on which nothing ever comes."""
+        """Return the interface's descriptor; while it is away, one that is never readable."""
         return [self._silence] if self._is_gone else super().filenos()
 
     def read(self, now_ns: int) -> bool:
-        """Hand every waiting frame to the rig. That the interface is down or away is no failure of the rig's."""
+        """Give every waiting frame to the rig; True even while the interface is down or away."""
         if self._is_gone and not self._has_come_back(now_ns):
             return True
         while True:
@@ -62,7 +62,7 @@ class InterfacePort(BusPort):
             self.rig.receive(frame, now_ns)
 
     def send(self, frames: list[Message]) -> None:
-        """Send frames; what the interface does not take now is lost and counted."""
+        """Send frames; those that the interface does not take now are lost and counted."""
         for frame in frames:
             if self._is_gone:
                 self.errors["send"] += 1
@@ -73,7 +73,7 @@ class InterfacePort(BusPort):
                 self._note("send", error)
 
     def close(self) -> None:
-        """Close what was opened here."""
+        """Close the buses that were opened here."""
         os.close(self._silence)
         if self.reopened:
             self.bus.shutdown()
@@ -85,10 +85,10 @@ class InterfacePort(BusPort):
             self.bus.shutdown()
 
     def _has_come_back(self, now_ns: int) -> bool:
-        """Look from time to time; True once the interface is open again."""
-        if now_ns < self._look_again_ns:
+        """Whether the interface is open again; tries it every RETRY_NS."""
+        if now_ns < self._retry_ns:
             return False
-        self._look_again_ns = now_ns + LOOK_AGAIN_NS
+        self._retry_ns = now_ns + RETRY_NS
         if not self._is_back():
             return False
         try:

@@ -1,8 +1,8 @@
 """Level node: reads four level sensors and sends them as voltages.
 
 A sensor gives gain * (1 + scale error) * level plus white noise. The node's converter covers 0 .. 10.24 V and clips
-a signal outside; a signal that noise on an empty or brim-full tank can't explain, more than 0.1 V outside, marks its
-channel. The node boots for boot_s, sending heartbeats only, and then runs.
+a signal outside; more than 0.1 V outside, which noise on an empty or full tank can't explain, the channel reports
+UnderRange or OverRange. The node boots for boot_s, sending heartbeats only, and then runs.
 """
 
 from collections.abc import Callable
@@ -45,7 +45,7 @@ def converter(bits: int) -> Converter:
     """Build a converter over 0 .. 10.24 V with codes 0 .. 2**bits - 1, for one channel.
 
     It turns a signal in V into a reading in V and a status. 0 bits: no converter; the wire's own steps of 0.2 mV
-    remain, and what rounding to them leaves over is carried to the next reading, so that nothing is lost on average.
+    remain, and the rounding error is carried to the next reading, so that the mean is exact.
     """
     top = (1 << bits) - 1
     step_V = ADC_RANGE_V / (top + 1) if bits else 1.0 / RAW_PER_V
@@ -68,7 +68,7 @@ def converter(bits: int) -> Converter:
 
 
 class LevelNode:
-    """The level node with its own seeded noise; powered up at time 0 of the clock that is handed in."""
+    """The level node with its own seeded noise; powered up at time 0 of the clock given by the caller."""
 
     def __init__(self, settings: EmulatorSettings, seed: int, fingerprint: int, observer: Observer) -> None:
         scale_errors = parts(settings.sensors.scale_error, 4)
@@ -96,18 +96,18 @@ class LevelNode:
         return self._boot_end_ns if self.state is NodeState.BOOT else None
 
     def run_event(self, now_ns: int) -> None:
-        """Start to run when boot is over."""
+        """Enter run when boot is over."""
         if self.state is NodeState.BOOT and now_ns >= self._boot_end_ns:
             self.state = NodeState.RUN
             self._report(now_ns, "booted")
 
     def power_off(self, now_ns: int) -> None:
-        """Stop for good and report it in any case."""
+        """Stop, and report it in any case."""
         self.state = NodeState.READY
         self._report(now_ns, "shutdown")
 
     def reboot(self, now_ns: int, power_ns: int) -> None:
-        """Forget everything and boot as soon as power is back at power_ns."""
+        """Reset the node's state and boot as soon as power is back at power_ns."""
         self._sent = None
         self._levels_counter = self._heartbeat_counter = 0
         self._boot_count = (self._boot_count + 1) % BOOT_COUNT_MODULUS
@@ -116,7 +116,7 @@ class LevelNode:
         self._report(now_ns, "reboot")
 
     def levels(self, levels_cm: Quad, now_ns: int = 0) -> tuple[bytes, bytes]:
-        """Payloads of the next LowerLevels and UpperLevels frames; now_ns only matters to a sensor that drifts."""
+        """Payloads of the next LowerLevels and UpperLevels frames; now_ns matters only for a drifting sensor."""
         g1, g2, g3, g4 = self._gains_V_cm
         to1, to2, to3, to4 = self._converters
         h1, h2, h3, h4 = levels_cm
@@ -142,7 +142,7 @@ class LevelNode:
         return pack_heartbeat(LEVEL_HEARTBEAT_ID, self.state, counter, self._boot_count, self._fingerprint)
 
     def _faulty_readings(self, signals_V: Quad, now_ns: int) -> list[Reading]:
-        """Readings of the four channels with what faults add before the converter and replace behind it."""
+        """Readings of the four channels: faults add to the signal before the converter and replace its reading."""
         last = None if self._sent is None else [reading for sent in self._sent for reading in unpack_levels(sent)]
         readings = []
         for channel, (signal_V, convert) in enumerate(zip(signals_V, self._converters, strict=True)):

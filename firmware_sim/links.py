@@ -1,4 +1,4 @@
-"""Byte links to an slcan host, a TCP socket or a pseudo-terminal: nothing here ever blocks.
+"""Byte links to an slcan host, over a TCP socket or a pseudo-terminal. No call here blocks.
 
 Output waits in a bounded queue of whole lines; when a host does not read, the oldest lines are dropped and counted.
 """
@@ -25,7 +25,7 @@ class LineQueue:
     def __init__(self) -> None:
         self._lines: deque[bytes] = deque()
         self._size = 0
-        self._is_begun = False
+        self._is_partly_written = False
         self.dropped = 0
 
     def __len__(self) -> int:
@@ -37,25 +37,25 @@ class LineQueue:
             return
         self._lines.append(line)
         self._size += len(line)
-        while self._size > OUTPUT_MAX_BYTES and len(self._lines) > 1 + self._is_begun:
-            oldest = 1 if self._is_begun else 0
+        while self._size > OUTPUT_MAX_BYTES and len(self._lines) > 1 + self._is_partly_written:
+            oldest = 1 if self._is_partly_written else 0
             self._size -= len(self._lines[oldest])
             del self._lines[oldest]
             self.dropped += 1
 
     def waiting(self) -> bytes:
-        """Return everything that waits."""
+        """Return all waiting bytes."""
         return b"".join(self._lines)
 
-    def wrote(self, count: int) -> None:
-        """Forget the first `count` bytes of what waits."""
+    def discard(self, count: int) -> None:
+        """Remove the first `count` bytes: they were written."""
         self._size -= count
         while count and count >= len(self._lines[0]):
             count -= len(self._lines.popleft())
-            self._is_begun = False
+            self._is_partly_written = False
         if count:
             self._lines[0] = self._lines[0][count:]
-            self._is_begun = True
+            self._is_partly_written = True
 
 
 class SlcanLink:
@@ -91,11 +91,11 @@ class SlcanLink:
         self.queue.put(self.port.frame_line(frame))
 
     def flush(self) -> bool:
-        """Write what the host takes now; False if the host is gone."""
+        """Write as much as the host accepts now; False if the host is gone."""
         if not self.queue:
             return True
         try:
-            self.queue.wrote(os.write(self.fd, self.queue.waiting()))
+            self.queue.discard(os.write(self.fd, self.queue.waiting()))
         except BlockingIOError:
             return True
         except OSError:
@@ -128,7 +128,7 @@ def open_pty() -> tuple[int, str]:
         os.close(slave)
 
 
-def forget_unread(master: int) -> None:
-    """Throw away what the last host of a pseudo-terminal left unread, both ways."""
+def discard_unread(master: int) -> None:
+    """Discard the bytes that the last host of a pseudo-terminal left unread, in both directions."""
     with contextlib.suppress(termios.error):
         termios.tcflush(master, termios.TCIOFLUSH)

@@ -1,7 +1,7 @@
-"""The rig that a run gets: parameters drawn within their spread by the run's seed, each uniformly.
+"""The parameters of a run's rig: each drawn uniformly within its spread, by the run's seed.
 
-The numbers come from a stream of their own, always in the same order, so that switching one spread on moves nothing
-else. With all spreads at 0 the settings come back as they are.
+The numbers come from their own random stream, always in the same order, so that one spread does not change what
+another one draws. With all spreads at 0 the settings are returned unchanged.
 """
 
 import math
@@ -43,7 +43,7 @@ def drawn(settings: EmulatorSettings, seed: int) -> EmulatorSettings:
 
 
 class Turbulence:
-    """Seeded volumes in cm3 that white flow noise brings into each tank within one level period."""
+    """Volumes in cm3 that white flow noise adds to each tank in one level period, drawn by the seed."""
 
     def __init__(self, settings: EmulatorSettings, seed: int) -> None:
         root_s = math.sqrt(settings.nodes.levels_period_s)

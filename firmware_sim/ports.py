@@ -1,6 +1,6 @@
-"""The rig's way to the outside: a python-can bus, an slcan adapter on a TCP port, one on a pseudo-terminal.
+"""The ports of the rig: a python-can bus, an slcan adapter on a TCP port, an slcan adapter on a pseudo-terminal.
 
-Every port hands what it reads to the rig and sends what the rig sends; none of them ever blocks.
+Every port gives the frames that it reads to the rig and sends the rig's frames. No port blocks.
 """
 
 import os
@@ -11,10 +11,10 @@ from typing import Protocol
 
 from can import BusABC, CanError, Message
 
-from firmware_sim.links import SOCKET_BUFFER_BYTES, SlcanLink, forget_unread, open_pty
+from firmware_sim.links import SOCKET_BUFFER_BYTES, SlcanLink, discard_unread, open_pty
 from firmware_sim.rig import Rig
 
-# What python-can's buses raise beside CanError, slcan above all.
+# python-can's buses raise more than CanError, the slcan bus most of all.
 BUS_ERRORS = (CanError, OSError, ValueError, IndexError)
 
 
@@ -22,20 +22,20 @@ class Port(Protocol):
     """What the service needs of a port."""
 
     def filenos(self) -> list[int]:
-        """Descriptors worth waiting for; none if the port has to be asked again and again."""
+        """Descriptors to wait for; none if the port has to be polled."""
 
     def read(self, now_ns: int) -> bool:
-        """Hand everything that waits to the rig as received now; False if the port failed."""
+        """Give all waiting frames to the rig as received now; False if the port failed."""
 
     def send(self, frames: list[Message]) -> None:
-        """Send frames of the rig, or lose them."""
+        """Send the rig's frames; those that can't be sent are lost."""
 
     def close(self) -> None:
-        """Let go of descriptors that the port opened itself."""
+        """Close the descriptors that the port opened itself."""
 
 
 class BusPort:
-    """Ties a rig to a python-can bus; the caller owns both, and the clock.
+    """Connects a rig to a python-can bus; the caller owns both, and the clock.
 
     Errors of the bus are counted in `errors` ("receive", "send"); a frame that could not be sent is lost, as
     on a real bus. Frames carry the rig's own time, which a virtual bus keeps if it was opened with
@@ -48,7 +48,7 @@ class BusPort:
         self.errors: Counter[str] = Counter()
 
     def step(self, now_ns: int) -> None:
-        """Hand every waiting frame to the rig as received now, advance it to now, send what it sends.
+        """Give every waiting frame to the rig as received now, advance the rig to now, send its frames.
 
         Raises ValueError if now_ns lies in the past.
         """
@@ -64,7 +64,7 @@ class BusPort:
         return [fd] if fd >= 0 else []
 
     def read(self, now_ns: int) -> bool:
-        """Hand every waiting frame to the rig; False if the bus failed."""
+        """Give every waiting frame to the rig; False if the bus failed."""
         while True:
             try:
                 frame = self.bus.recv(0)
@@ -102,7 +102,7 @@ class TcpPort:
         return [self._listener.fileno(), *([] if self._client is None else [self._client.fileno()])]
 
     def read(self, now_ns: int) -> bool:
-        """Take what the host sends, then new hosts."""
+        """Read from the host, then accept new hosts."""
         self._read_link(now_ns)
         while True:
             try:
@@ -114,7 +114,7 @@ class TcpPort:
             self._admit(client)
 
     def send(self, frames: list[Message]) -> None:
-        """Queue frames for the host and write what it takes."""
+        """Queue frames for the host and write as much as it accepts."""
         if self._link is None:
             return
         for frame in frames:
@@ -155,7 +155,7 @@ class TcpPort:
 
 
 class PtyPort:
-    """An slcan adapter on a pseudo-terminal; `path` is what a host opens. Its channel closes when the host goes."""
+    """An slcan adapter on a pseudo-terminal; a host opens `path`. The channel closes when the host goes."""
 
     def __init__(self, rig: Rig) -> None:
         self._rig = rig
@@ -167,7 +167,7 @@ class PtyPort:
         return [] if self._link is None else [self._master]
 
     def read(self, now_ns: int) -> bool:
-        """Notice that a host came or went, and take what it sends."""
+        """Notice that a host came or went, and read from it."""
         if self._link is None:
             if self._is_hung_up():
                 return True
@@ -181,7 +181,7 @@ class PtyPort:
         return True
 
     def send(self, frames: list[Message]) -> None:
-        """Queue frames for the host and write what it takes."""
+        """Queue frames for the host and write as much as it accepts."""
         if self._link is None:
             return
         for frame in frames:
@@ -196,7 +196,7 @@ class PtyPort:
 
     def _drop_host(self) -> None:
         self._link = None
-        forget_unread(self._master)
+        discard_unread(self._master)
 
     def _is_hung_up(self) -> bool:
         poll = select.poll()

@@ -1,18 +1,18 @@
 """Pump node: owns the two pump voltages and keeps them safe on its own clock.
 
 Rules
-- boot     0 V. Frames are not taken (rejected: boot). After boot_s: ready.
+- boot     0 V. Commands are rejected (cause: boot). After boot_s: ready.
 - ready    0 V. An accepted command with Enable = 1: run. Enable = 0: stays.
 - run      puts out the commands of every accepted frame with Enable = 1. Enable = 0: 0 V, ready, no trip.
-           No accepted command for watchdog_s: 0 V and tripped, cause watchdog, at the very nanosecond of
-           the deadline.
+           No accepted command for watchdog_s: 0 V and tripped, cause watchdog, exactly at the
+           deadline.
 - tripped  0 V, latched. Commands are accepted and echoed but change nothing, until one with ClearTrip = 1,
            Enable = 0 and both commands at 0 V: ready.
-- reboot (from anywhere): 0 V, boot, everything forgotten.
-- power-off (from anywhere): 0 V; run becomes ready, tripped stays tripped.
+- reboot (from any state): 0 V, boot, all state reset.
+- power-off (from any state): 0 V; run becomes ready, tripped stays tripped.
 
 A command is accepted if it is intact and in range (see wire.parse_command) and its counter is 1 to 8 steps
-after the last accepted one. If none was accepted yet, or for longer than watchdog_s, any counter will do. A
+after the last accepted one. If none was accepted yet, or for longer than watchdog_s, any counter is accepted. A
 rejected frame changes nothing and is counted by cause.
 """
 
@@ -67,7 +67,7 @@ def quantised(voltage_V: float, bits: int) -> float:
 
 
 class PumpNode:
-    """State machine of the pump node; powered up at time 0 of the clock that is handed in."""
+    """State machine of the pump node; powered up at time 0 of the clock given by the caller."""
 
     def __init__(self, settings: EmulatorSettings, fingerprint: int, observer: Observer) -> None:
         self._dac_bits = settings.pumps.dac_bits
@@ -90,7 +90,7 @@ class PumpNode:
 
     @property
     def next_event_ns(self) -> int | None:
-        """When the node next changes its state by itself, or None."""
+        """When the node next changes its state without a frame, or None."""
         if self.state is NodeState.BOOT:
             return self._boot_end_ns
         if self.state is NodeState.RUN and self._last is not None:
@@ -98,7 +98,7 @@ class PumpNode:
         return None
 
     def run_event(self, now_ns: int) -> None:
-        """Let the event of `next_event_ns` happen if it is due."""
+        """Carry out the event of `next_event_ns` if it is due."""
         due_ns = self.next_event_ns
         if due_ns is None or due_ns > now_ns:
             return
@@ -115,17 +115,17 @@ class PumpNode:
             return self._reject(verdict)
         if self.state is NodeState.BOOT:
             return self._reject(Rejection.BOOT)
-        lost = self._judge_counter(verdict.counter, now_ns)
+        lost = self._check_counter(verdict.counter, now_ns)
         if isinstance(lost, Rejection):
             return self._reject(lost)
         self.lost += lost
         self.accepted += 1
         self._last = (verdict.counter, now_ns)
-        self._obey(verdict, now_ns)
+        self._execute(verdict, now_ns)
         return None
 
     def power_off(self, now_ns: int) -> None:
-        """Put the outputs at 0 V for good and report it in any case."""
+        """Put the outputs at 0 V, and report it in any case."""
         self.applied_V = OFF_V
         if self.state is NodeState.RUN:
             self.state = NodeState.READY
@@ -133,11 +133,11 @@ class PumpNode:
 
     @property
     def next_counter(self) -> int:
-        """Counter that a next command would have."""
+        """Counter that the next command should have."""
         return 0 if self._last is None else (self._last[0] + 1) % COUNTER_MODULUS
 
     def reboot(self, now_ns: int, power_ns: int) -> None:
-        """Forget everything, put the outputs at 0 V and boot as soon as power is back at power_ns."""
+        """Reset the node's state, put the outputs at 0 V and boot as soon as power is back at power_ns."""
         self._last = None
         self._status_counter = self._heartbeat_counter = 0
         self._boot_count = (self._boot_count + 1) % BOOT_COUNT_MODULUS
@@ -160,12 +160,12 @@ class PumpNode:
         self._heartbeat_counter = (counter + 1) % COUNTER_MODULUS
         return pack_heartbeat(PUMP_HEARTBEAT_ID, self.state, counter, self._boot_count, self._fingerprint)
 
-    def _judge_counter(self, counter: int, now_ns: int) -> int | Rejection:
+    def _check_counter(self, counter: int, now_ns: int) -> int | Rejection:
         if self._last is None or now_ns - self._last[1] > self._watchdog_ns:
             return 0
         return counter_verdict(counter, self._last[0])
 
-    def _obey(self, command: PumpCommand, now_ns: int) -> None:
+    def _execute(self, command: PumpCommand, now_ns: int) -> None:
         asks_clear = command.clear_trip and not command.enable and command.command_V == OFF_V
         if self.state is NodeState.TRIPPED:
             if asks_clear:

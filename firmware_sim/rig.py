@@ -1,16 +1,15 @@
-"""The whole rig on an integer-nanosecond clock that is handed in: tanks, pump node, level node and faults.
+"""The whole rig: tanks, pump node, level node and faults. The caller gives the time, in whole nanoseconds.
 
-Time starts at 0 with the power-up of both nodes. Everything that happens by itself happens at its own due
-time, in this order where times are equal: nodes' own events (end of boot, watchdog), faults, level frames,
-status, heartbeats. Turbulence acts together with the level frames. A frame from outside that comes at the very
-nanosecond of such an event comes after it.
-Results do not depend on how `advance` cuts time into pieces, nor on who asks for the truth.
+Time starts at 0 with the power-up of both nodes. Every event has its own due time; events of equal times come in this
+order: nodes' own events (end of boot, watchdog), faults, level frames, status, heartbeats. Turbulence acts together
+with the level frames. A frame from outside at exactly the time of an event comes after it.
+Results depend neither on the steps in which `advance` is called nor on calls of `truth`.
 """
 
 from can import Message
 
 from firmware_sim.faults import NS_PER_S, Fault, FaultSchedule
-from firmware_sim.faulty_wire import NOT_OURS, FaultyWire
+from firmware_sim.faulty_wire import FOREIGN, FaultyWire
 from firmware_sim.frames import (
     COMMAND_ID,
     LEVEL_HEARTBEAT_ID,
@@ -40,9 +39,9 @@ def _ignore(change: Change) -> None:
 
 
 class Rig:
-    """The emulated rig. `seed` fixes all that is random; `fingerprint` is the contract's CRC-32.
+    """The emulated rig. `seed` decides all random numbers; `fingerprint` is the contract's CRC-32.
 
-    parameters : the settings as this seed has drawn them, the rig's truth.
+    parameters : the settings with the parameters that this seed has drawn.
     """
 
     def __init__(
@@ -65,37 +64,37 @@ class Rig:
         self._is_ageing = self._turbulence is not None or any(self._wear_per_h)
         self._levels_period_ns = round(settings.nodes.levels_period_s * NS_PER_S)
         self._status_period_ns = round(settings.nodes.status_period_s * NS_PER_S)
-        self._heartbeat_period_ns = round(settings.nodes.heartbeat_period_s * NS_PER_S)
-        self._levels_ns = self._status_ns = self._heartbeat_ns = 0
+        self._give_to_pumptbeat_period_ns = round(settings.nodes.heartbeat_period_s * NS_PER_S)
+        self._levels_ns = self._status_ns = self._give_to_pumptbeat_ns = 0
         self._now_ns = 0
         self._tanks_ns = 0
         self._is_held = settings.tanks.hold_until_run
         self._start_ns: int | None = None
-        self._input_V = self._obeyed_V = self.pump.applied_V
+        self._input_V = self._output_V = self.pump.applied_V
         self._outbox: list[Message] = []
-        self._wire = FaultyWire(self._post, self._hear, lambda: self.pump.next_counter)
+        self._wire = FaultyWire(self._queue, self._give_to_pump, lambda: self.pump.next_counter)
         self._put = self._send
-        self._heard: Rejection | None = None
+        self._answer: Rejection | None = None
         self._rebooted_ns = {"pump": -1, "level": -1}
         self._rare_ns = self._next_rare_ns()
 
     @property
     def now_ns(self) -> int:
-        """Time up to which everything has happened."""
+        """Time to which the rig has advanced."""
         return self._now_ns
 
     @property
     def start_ns(self) -> int | None:
-        """The moment t = 0 of the scenario, or None."""
+        """The time of the scenario's t = 0, or None."""
         return self._start_ns
 
     @property
     def next_event_ns(self) -> int:
-        """Due time of the next thing that happens by itself."""
-        return min(self._levels_ns, self._status_ns, self._heartbeat_ns, self._rare_ns)
+        """Due time of the next event."""
+        return min(self._levels_ns, self._status_ns, self._give_to_pumptbeat_ns, self._rare_ns)
 
     def advance(self, to_ns: int) -> list[Message]:
-        """Let everything happen that is due up to and including to_ns.
+        """Carry out all events up to and including to_ns.
 
         Returns the frames that were sent since the last call, each with its own time in seconds. Raises
         ValueError if to_ns lies in the past.
@@ -105,26 +104,26 @@ class Rig:
         return sent
 
     def receive(self, frame: Message, now_ns: int) -> Rejection | None:
-        """Take a frame from the bus at now_ns; None if the pump node accepted it as a command, now.
+        """Take a frame from the bus at now_ns; None if the pump node accepted it now, as a command.
 
         Raises ValueError if now_ns lies in the past.
         """
         self._catch_up(now_ns)
         if not self._wire.is_active:
-            return self._hear(frame, now_ns)
-        self._heard = Rejection.LOST
-        self._wire.carry(frame.arbitration_id if frame.arbitration_id == COMMAND_ID else NOT_OURS, frame, now_ns)
+            return self._give_to_pump(frame, now_ns)
+        self._answer = Rejection.LOST
+        self._wire.carry(frame.arbitration_id if frame.arbitration_id == COMMAND_ID else FOREIGN, frame, now_ns)
         self._rare_ns = self._next_rare_ns()
-        return self._heard
+        return self._answer
 
     def inject(self, fault: Fault, now_ns: int) -> None:
         """Let a fault begin now; its own times count from now. Raises ValueError if now_ns lies in the past."""
         self._catch_up(now_ns)
         self._faults.inject(fault, now_ns)
-        self._happen_rarely(now_ns)
+        self._run_rare_events(now_ns)
 
     def recover(self, kinds: set[str], targets: set[int | str] | None, now_ns: int) -> int:
-        """End what is active of these kinds and targets (None: any); return how many faults that were.
+        """End the active faults of these kinds and targets (None: any); return their number.
 
         Raises ValueError if now_ns lies in the past.
         """
@@ -132,11 +131,11 @@ class Rig:
         count = self._faults.end(
             lambda fault: fault.kind in kinds and (targets is None or fault.target in targets), now_ns
         )
-        self._happen_rarely(now_ns)
+        self._run_rare_events(now_ns)
         return count
 
     def power_off(self, now_ns: int) -> None:
-        """Put the outputs at 0 V, whatever the clock says."""
+        """Put the outputs at 0 V, even if now_ns lies in the past."""
         now_ns = max(now_ns, self._now_ns)
         self.pump.power_off(now_ns)
         self.level.power_off(now_ns)
@@ -165,7 +164,7 @@ class Rig:
         )
 
     def _tanks_now(self) -> Tanks:
-        """The tanks at `now_ns`: a copy where they have to be moved there, so that asking changes nothing."""
+        """The tanks at `now_ns`; a copy if they have to be advanced, so that a query changes nothing."""
         if self._is_held or self._tanks_ns == self._now_ns:
             return self._tanks
         tanks = self._tanks.copy()
@@ -178,37 +177,37 @@ class Rig:
             raise ValueError(f"time {to_ns} ns is before {self._now_ns} ns, to which the rig has advanced")
         while (due_ns := self.next_event_ns) <= to_ns:
             self._now_ns = due_ns
-            self._happen(due_ns)
+            self._run_events(due_ns)
         self._now_ns = to_ns
 
-    def _happen(self, now_ns: int) -> None:
+    def _run_events(self, now_ns: int) -> None:
         if self._rare_ns <= now_ns:
-            self._happen_rarely(now_ns)
+            self._run_rare_events(now_ns)
         if self._levels_ns <= now_ns:
             self._levels_ns += self._levels_period_ns
             self._send_levels(now_ns)
         if self._status_ns <= now_ns:
             self._status_ns += self._status_period_ns
             self._put(STATUS_ID, self.pump.status(), now_ns)
-        if self._heartbeat_ns <= now_ns:
-            self._heartbeat_ns += self._heartbeat_period_ns
+        if self._give_to_pumptbeat_ns <= now_ns:
+            self._give_to_pumptbeat_ns += self._give_to_pumptbeat_period_ns
             self._put(PUMP_HEARTBEAT_ID, self.pump.heartbeat(), now_ns)
             self._put(LEVEL_HEARTBEAT_ID, self.level.heartbeat(), now_ns)
 
-    def _happen_rarely(self, now_ns: int) -> None:
+    def _run_rare_events(self, now_ns: int) -> None:
         self.pump.run_event(now_ns)
         self.level.run_event(now_ns)
         self._follow_pump(now_ns)
         fault_ns = self._faults.next_ns
         if fault_ns is not None and fault_ns <= now_ns:
-            self._move_tanks(now_ns)
+            self._advance_tanks(now_ns)
             self._faults.advance(now_ns)
-            self._obey_faults(now_ns)
+            self._apply_effects(now_ns)
         self._wire.run_due(now_ns)
         self._rare_ns = self._next_rare_ns()
 
     def _next_rare_ns(self) -> int:
-        """Due time of the next change of a node's state or of a fault; NEVER_NS if none is to come."""
+        """Due time of the next change of a node's state or of a fault; NEVER_NS if there is none."""
         next_ns = NEVER_NS
         for due_ns in (self.pump.next_event_ns, self.level.next_event_ns, self._faults.next_ns, self._wire.next_ns):
             if due_ns is not None and due_ns < next_ns:
@@ -216,29 +215,29 @@ class Rig:
         return next_ns
 
     def _follow_pump(self, now_ns: int) -> None:
-        """Hand the pump node's outputs on to the tanks, and start the scenario at its first run."""
+        """Apply the pump node's outputs to the pumps, and start the scenario when the node first runs."""
         if self._start_ns is None and self.pump.state is NodeState.RUN:
-            self._move_tanks(now_ns)
+            self._advance_tanks(now_ns)
             self._start_ns, self._is_held = now_ns, False
             self._faults.start(now_ns)
-        if self.pump.applied_V != self._obeyed_V:
-            self._move_tanks(now_ns)
-            self._obeyed_V = self.pump.applied_V
+        if self.pump.applied_V != self._output_V:
+            self._advance_tanks(now_ns)
+            self._output_V = self.pump.applied_V
             self._drive_pumps()
 
     def _drive_pumps(self) -> None:
-        """Put the pump node's outputs on the pumps, but for those that are stuck on."""
-        (v1, v2), (stuck1, stuck2) = self._obeyed_V, self._faults.effects.stuck_on_V
+        """Apply the pump node's outputs to the pumps, except to pumps that are stuck on."""
+        (v1, v2), (stuck1, stuck2) = self._output_V, self._faults.effects.stuck_on_V
         self._input_V = (v1 if stuck1 is None else stuck1, v2 if stuck2 is None else stuck2)
 
-    def _obey_faults(self, now_ns: int) -> None:
-        """Hand a changed set of faults to plant and nodes; the tanks stand at the moment of the change."""
+    def _apply_effects(self, now_ns: int) -> None:
+        """Apply a changed set of faults to plant and nodes; the tanks have advanced to the time of the change."""
         effects = self._faults.effects
-        self._tanks.obey(effects)
+        self._tanks.apply_effects(effects)
         self._drive_pumps()
         self._set_effectiveness()
         self.level.channel_faults = effects.channels
-        self._wire.obey(effects, now_ns)
+        self._wire.apply_effects(effects, now_ns)
         self._put = self._send_through_faults if self._wire.is_active else self._send
         for name, node in (("pump", self.pump), ("level", self.level)):
             node.wall_ahead_ns = effects.wall_ahead_ns.get(name, 0)
@@ -249,22 +248,22 @@ class Rig:
         self._follow_pump(now_ns)
 
     def _set_effectiveness(self) -> None:
-        """What is left of the pumps' gains at the moment to which the tanks have moved."""
+        """Set the pumps' effectiveness at the time to which the tanks have advanced."""
         effects = self._faults.effects
         run_h = 0.0 if self._start_ns is None else (self._tanks_ns - self._start_ns) / NS_PER_H
         wear = [max(0.0, 1.0 - rate * run_h) for rate in self._wear_per_h]
         is_wet = not effects.is_dry
         self._effectiveness = [is_wet * part * left for part, left in zip(wear, effects.effectiveness, strict=True)]
 
-    def _age(self) -> None:
-        """Let turbulence and wear go on by a level period."""
+    def _apply_ageing(self) -> None:
+        """Apply turbulence and wear of one level period."""
         if self._is_held:
             return
         self._set_effectiveness()
         if self._turbulence is not None:
             self._tanks.stir(self._turbulence.volumes_cm3())
 
-    def _move_tanks(self, now_ns: int) -> None:
+    def _advance_tanks(self, now_ns: int) -> None:
         if not self._is_held:
             dt_s = (now_ns - self._tanks_ns) / NS_PER_S
             self._tanks.advance(dt_s, self._input_V, self._effectiveness)
@@ -272,29 +271,29 @@ class Rig:
 
     def _send_levels(self, now_ns: int) -> None:
         if self._is_ageing:
-            self._move_tanks(now_ns)
-            self._age()
+            self._advance_tanks(now_ns)
+            self._apply_ageing()
         if self.level.state is NodeState.RUN:
-            self._move_tanks(now_ns)
+            self._advance_tanks(now_ns)
             lower, upper = self.level.levels(self._tanks.levels_cm, now_ns)
             self._put(LOWER_LEVELS_ID, lower, now_ns)
             self._put(UPPER_LEVELS_ID, upper, now_ns)
 
-    def _hear(self, frame: Message, now_ns: int) -> Rejection | None:
-        """Hand a frame to the pump node and return what it says."""
-        self._heard = rejection = self.pump.receive(frame, now_ns)
+    def _give_to_pump(self, frame: Message, now_ns: int) -> Rejection | None:
+        """Give a frame to the pump node and return its answer."""
+        self._answer = rejection = self.pump.receive(frame, now_ns)
         if rejection is None:
             self._follow_pump(now_ns)
             self._rare_ns = self._next_rare_ns()
         return rejection
 
-    def _post(self, frame: Message) -> None:
+    def _queue(self, frame: Message) -> None:
         self._outbox.append(frame)
 
     def _send_through_faults(self, can_id: int, payload: bytes, now_ns: int) -> None:
         frame = Frame(now_ns / NS_PER_S, can_id, is_extended_id=False, data=payload, is_rx=False)
         self._wire.carry(can_id, frame, now_ns)
-        self._rare_ns = self._next_rare_ns()  # a delayed frame may be the next thing that happens
+        self._rare_ns = self._next_rare_ns()  # a delayed frame may be the next event
 
     def _send(self, can_id: int, payload: bytes, now_ns: int) -> None:
         self._outbox.append(Frame(now_ns / NS_PER_S, can_id, is_extended_id=False, data=payload, is_rx=False))

@@ -1,10 +1,14 @@
-"""Validators for settings: each refuses a wrong type or a value out of range, and says the range.
+"""Checks for settings: each refuses a wrong type or a value out of range, with a message that gives the range.
 
-They are used as ``Annotated[float, within(0.0, 10.0)]``. TOML knows lists only, so `listed` turns a list
-into the tuple that a frozen record keeps.
+They are used as ``Annotated[float, within(0.0, 10.0)]``. TOML has only lists, so `listed` turns a list
+into the tuple that a frozen record keeps. Each says in words what it accepts; `allowed` reads that from a field.
 """
 
+from dataclasses import dataclass
+from typing import get_args
+
 from pydantic import BaseModel, BeforeValidator, ConfigDict
+from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
 
@@ -14,23 +18,46 @@ class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
+@dataclass(frozen=True)
+class Accepts(BeforeValidator):
+    """A check that says what it accepts. numbers : the limits of a numeric setting, None for a choice."""
+
+    text: str = ""
+    numbers: tuple[float, float] | None = None
+    choices: tuple[int | str, ...] = ()
+
+
+def accepts(field: FieldInfo) -> Accepts:
+    """The check of a field. Raises LookupError for a field that has none."""
+    metadata = [*field.metadata, *(one for part in get_args(field.annotation) for one in get_args(part)[1:])]
+    for one in metadata:
+        if isinstance(one, Accepts):
+            return one
+    raise LookupError(f"{field.annotation} has no check of its own")
+
+
+def allowed(field: FieldInfo) -> str:
+    """What a field accepts, as text: "0 .. 10", or "1, 2"."""
+    return accepts(field).text
+
+
 def within(low: float, high: float) -> BeforeValidator:
     """Accept a finite number in low .. high, both ends included (NaN lies in no range)."""
-    allowed = {"low": f"{low:g}", "high": f"{high:g}"}
+    parts = {"low": f"{low:g}", "high": f"{high:g}"}
 
     def check(value: object) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise PydanticCustomError("number", "must be a number in {low} .. {high}", allowed)
+            raise PydanticCustomError("number", "must be a number in {low} .. {high}", parts)
         if not low <= value <= high:
-            raise PydanticCustomError("range", "is outside {low} .. {high}", allowed)
+            raise PydanticCustomError("range", "is outside {low} .. {high}", parts)
         return float(value)
 
-    return BeforeValidator(check)
+    return Accepts(check, text=f"{low:g} .. {high:g}", numbers=(low, high))
 
 
 def per_part(count: int, low: float, high: float) -> BeforeValidator:
     """Accept one number in low .. high, or a list of `count` of them, which becomes a tuple."""
-    allowed = {"low": f"{low:g}", "high": f"{high:g}", "count": count}
+    parts = {"low": f"{low:g}", "high": f"{high:g}", "count": count}
 
     def is_number(value: object) -> bool:
         return isinstance(value, int | float) and not isinstance(value, bool) and low <= value <= high
@@ -42,36 +69,36 @@ def per_part(count: int, low: float, high: float) -> BeforeValidator:
         elif is_number(value):
             return float(value)  # type: ignore[arg-type]
         elif isinstance(value, int | float) and not isinstance(value, bool):
-            raise PydanticCustomError("range", "is outside {low} .. {high}", allowed)
-        raise PydanticCustomError("parts", "must be a number in {low} .. {high}, or a list of {count} of them", allowed)
+            raise PydanticCustomError("range", "is outside {low} .. {high}", parts)
+        raise PydanticCustomError("parts", "must be a number in {low} .. {high}, or a list of {count} of them", parts)
 
-    return BeforeValidator(check)
+    return Accepts(check, text=f"{low:g} .. {high:g}; one number or {count}", numbers=(low, high))
 
 
 def one_of(*choices: int) -> BeforeValidator:
     """Accept one of a few whole numbers."""
-    allowed = {"choices": ", ".join(str(choice) for choice in choices)}
+    parts = {"choices": ", ".join(str(choice) for choice in choices)}
 
     def check(value: object) -> int:
         if isinstance(value, bool) or not isinstance(value, int) or value not in choices:
-            raise PydanticCustomError("choice", "must be one of {choices}", allowed)
+            raise PydanticCustomError("choice", "must be one of {choices}", parts)
         return value
 
-    return BeforeValidator(check)
+    return Accepts(check, text=parts["choices"], choices=choices)
 
 
 def whole(low: int, high: int) -> BeforeValidator:
     """Accept a whole number in low .. high, which may be written as 3.0."""
-    allowed = {"low": low, "high": high}
+    parts = {"low": low, "high": high}
 
     def check(value: object) -> int:
         if isinstance(value, bool) or not isinstance(value, int | float) or value != value // 1:
-            raise PydanticCustomError("whole", "must be a whole number in {low} .. {high}", allowed)
+            raise PydanticCustomError("whole", "must be a whole number in {low} .. {high}", parts)
         if not low <= value <= high:
-            raise PydanticCustomError("range", "is outside {low} .. {high}", allowed)
+            raise PydanticCustomError("range", "is outside {low} .. {high}", parts)
         return int(value)
 
-    return BeforeValidator(check)
+    return Accepts(check, text=f"{low} .. {high}", numbers=(low, high))
 
 
 def named(*names: str) -> BeforeValidator:
@@ -82,7 +109,7 @@ def named(*names: str) -> BeforeValidator:
             raise PydanticCustomError("name", "must be one of {names}", {"names": ", ".join(names)})
         return value
 
-    return BeforeValidator(check)
+    return Accepts(check, text=", ".join(f'"{name}"' for name in names), choices=names)
 
 
 def listed(length: int) -> BeforeValidator:
@@ -93,4 +120,4 @@ def listed(length: int) -> BeforeValidator:
             raise PydanticCustomError("list", "must be a list of {length} numbers", {"length": length})
         return tuple(value)
 
-    return BeforeValidator(check)
+    return Accepts(check, text=f"a list of {length}")

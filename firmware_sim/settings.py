@@ -1,6 +1,6 @@
-"""Settings of the emulator: emulator.toml, overridden by a scenario's [emulator] table, and [[fault]]s.
+"""Settings of the emulator: emulator.toml, a scenario's [emulator] table, which has priority, and its [[fault]]s.
 
-Everything is checked on loading; every error is one line with file, key, value and what is allowed.
+All values are checked on loading; every error is one line with file, key, value and what is allowed.
 """
 
 import tomllib
@@ -22,7 +22,7 @@ Share = Annotated[float, within(0.0, 1.0)]
 
 
 class SettingsError(ValueError):
-    """A settings file is missing, not TOML, or holds something that is not allowed."""
+    """A settings file is missing, is not TOML, or has a value that is not allowed."""
 
 
 class TankSettings(Table):
@@ -58,8 +58,8 @@ class PumpSettings(Table):
 class SensorSettings(Table):
     """Level sensors and the converter that reads them (range 0 .. 10.24 V).
 
-    scale_error is how far each sensor's gain is off, as a share of it: four values, or one number within which the
-    run's seed draws all four.
+    scale_error is the error of each sensor's gain, as a share of it: four values, or the largest error, within which
+    the run's seed draws all four.
     """
 
     gain_V_cm: Annotated[float, within(0.01, 10.0)]
@@ -81,7 +81,7 @@ class NodeSettings(Table):
 class EmulatorSettings(Table):
     """The whole of emulator.toml.
 
-    parameter_spread : outlets, pump gains and valve splits lie this far from the file's values at most, as a share of
+    parameter_spread : largest deviation of outlets, pump gains and valve splits from the file's values, as a share of
     them; the run's seed draws each (see `firmware_sim.parameter_spread`).
     """
 
@@ -110,8 +110,8 @@ def load(emulator_toml: Path, scenario: Path | None = None) -> tuple[EmulatorSet
     Raises SettingsError.
     """
     base = _read_toml(emulator_toml)
-    story = {} if scenario is None else _read_toml(scenario)
-    overlay = story.get("emulator", {})
+    scenario_data = {} if scenario is None else _read_toml(scenario)
+    overlay = scenario_data.get("emulator", {})
     if not isinstance(overlay, dict):
         raise SettingsError(f"{scenario}: emulator = {overlay!r}: must be a table")
     try:
@@ -122,16 +122,16 @@ def load(emulator_toml: Path, scenario: Path | None = None) -> tuple[EmulatorSet
             raise SettingsError(f"{scenario}: {_dotted(('emulator', *path))}{what}") from None
         raise SettingsError(f"{emulator_toml}: {_dotted(path)}{what}") from None
     _check_start(settings, scenario if "start_V" in overlay.get("tanks", {}) else emulator_toml)
-    return settings, _faults(story, scenario)
+    return settings, _faults(scenario_data, scenario)
 
 
 def load_fingerprint(dbc: Path) -> int:
-    """CRC-32 of the wire contract, as the nodes' heartbeats carry it. Raises SettingsError."""
+    """CRC-32 of the wire contract, which the nodes send in their heartbeats. Raises SettingsError."""
     return contract_fingerprint(_read_text(dbc))
 
 
 def equilibrium_cm(settings: EmulatorSettings) -> tuple[float, float, float, float]:
-    """Levels at which constant pump voltages start_V hold the tanks: eq. (1) with all derivatives zero."""
+    """Levels of the equilibrium at constant pump voltages start_V: eq. (1) with all derivatives zero."""
     tanks, pumps = settings.tanks, settings.pumps
     q1, q2 = (k * v for k, v in zip(pumps.gain_cm3_Vs, tanks.start_V, strict=True))
     g1, g2 = pumps.valve_split
@@ -168,15 +168,15 @@ def _check_start(settings: EmulatorSettings, file: Path | None) -> None:
     highest_cm = max(max(equilibrium_cm(extreme)) for extreme in _extremes(settings))
     if highest_cm > settings.tanks.height_cm:
         start_V = list(settings.tanks.start_V)
-        may = f" can, with parameter_spread = {spread:g}, hold" if spread else " holds"
+        may = f" with parameter_spread = {spread:g} can give" if spread else " gives"
         raise SettingsError(
             f"{file}: tanks.start_V = {start_V}:{may} a level of {highest_cm:.2f} cm, "
             f"which is outside 0 .. {settings.tanks.height_cm:g} cm"
         )
 
 
-def _faults(story: dict[str, Any], scenario: Path | None) -> tuple[Fault, ...]:
-    entries = story.get("fault", [])
+def _faults(scenario_data: dict[str, Any], scenario: Path | None) -> tuple[Fault, ...]:
+    entries = scenario_data.get("fault", [])
     if not isinstance(entries, list):
         raise SettingsError(f"{scenario}: fault = {entries!r}: must be an array of tables, [[fault]]")
     return tuple(_fault(entry, f"{scenario}: fault[{index}]") for index, entry in enumerate(entries))
@@ -199,7 +199,7 @@ def _fault(entry: object, where: str) -> Fault:
 
 def _read_text(file: Path) -> str:
     try:
-        return file.read_text(encoding="utf-8")
+        return file.read_text(encoding="utf-8-sig")  # some editors write a byte order mark; it is no part of the text
     except OSError as error:
         raise SettingsError(f"{file}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:
@@ -223,7 +223,7 @@ def _merged(base: dict[str, Any], overlay: dict[str, Any]) -> dict[str, Any]:
 
 
 def _holds(table: Any, path: tuple[int | str, ...]) -> bool:
-    """Whether the value at path (or the table or list that it is missing from) stems from this table."""
+    """Whether the value at path (or the table or list that lacks it) is in this table."""
     for part in path:
         if isinstance(table, list):
             return True

@@ -6,8 +6,8 @@ Rules
 - open           t, T, r, R put a frame on the bus, answered with z (11-bit) or Z (29-bit) and CR; F reads flags;
                  C closes. Frames of the bus go to the host.
 - listen-only    as open, but t, T, r, R are refused.
-- V and N are answered in every state. Whatever else comes, or comes in the wrong state, is refused.
-- A line may hold 1 kB; a longer one is thrown away up to its CR and refused.
+- V and N are answered in every state. Every other line, and every line in the wrong state, is refused.
+- A line may have 1024 bytes; a longer one is discarded up to its CR and refused.
 """
 
 from enum import Enum
@@ -35,7 +35,7 @@ class Channel(Enum):
 
 
 class SlcanPort:
-    """One adapter as its host sees it."""
+    """One slcan adapter."""
 
     def __init__(self) -> None:
         self.channel = Channel.CLOSED
@@ -44,7 +44,7 @@ class SlcanPort:
         self._is_too_long = False
 
     def feed(self, data: bytes) -> tuple[bytes, list[Message]]:
-        """Take bytes from the host, cut anywhere; return the answer and the frames for the bus. Never raises."""
+        """Take bytes from the host, split anywhere; return the answer and the frames for the bus. Never raises."""
         reply = bytearray()
         frames: list[Message] = []
         *complete, rest = data.split(CR)
@@ -55,7 +55,7 @@ class SlcanPort:
         return bytes(reply), frames
 
     def frame_line(self, frame: Message) -> bytes:
-        """Return the line that brings a frame of the bus to the host; empty while the channel is closed."""
+        """Return the line for the host of a frame on the bus; empty while the channel is closed."""
         if self.channel is Channel.CLOSED or frame.is_error_frame or frame.is_fd:
             return b""
         if frame.is_extended_id:
@@ -121,7 +121,7 @@ class SlcanPort:
 
 
 def parse_frame(line: bytes) -> Message | None:
-    """Read a t, T, r or R line without its CR; None if anything about it is wrong."""
+    """Read a t, T, r or R line without its CR; None if it is not a valid frame."""
     kind, digits = line[:1], line[1:]
     is_extended, is_remote = kind in b"TR", kind in b"rR"
     id_digits = 8 if is_extended else 3

@@ -9,14 +9,14 @@ State: levels h1 .. h4 in cm (1, 2 lower; 3 drains into 1, 4 into 2) and flow vo
     lag w' = v - w
 
 v is the voltage at the pump's terminals, e its effectiveness (1: healthy). A blocked outlet has a smaller a; a leak is
-a hole of its own in the bottom, with the same square root law, whose water leaves the rig. The lag is solved exactly
+a second hole in the bottom, with the same square-root law, whose water leaves the rig. The lag is solved exactly
 for a constant v, the levels by the classical Runge-Kutta method. A tank that is full stays full and spills the rest
-out of the rig; an empty tank gives nothing. Volumes are counted with the weights of the integration, so that
+out of the rig; an empty tank has no outflow. Volumes are counted with the weights of the integration, so that
 
     pumped + stirred = drained + spilled + change of contents
 
-holds but for rounding, whatever happens. Drained is what left through the lower outlets and through leaks, stirred what
-turbulence added or took.
+holds except for rounding, in every case. Drained is the water through the lower outlets and through leaks, stirred the
+water that turbulence added or removed.
 """
 
 import math
@@ -28,7 +28,7 @@ from firmware_sim.faults.effects import Effects
 from firmware_sim.parameter_spread import parts
 from firmware_sim.settings import EmulatorSettings, equilibrium_cm
 
-LONGEST_STEP_S = 0.02
+MAX_STEP_S = 0.02
 
 Slopes = Callable[[float, float, float, float, float, float], tuple[float, float, float, float, float, float]]
 
@@ -63,7 +63,7 @@ def slopes_of(settings: EmulatorSettings, effects: Effects) -> Slopes:
 
 
 def _leaking_slopes_of(settings: EmulatorSettings, effects: Effects) -> Slopes:
-    """As `slopes_of`: the same tanks with some water gone from the level's own flow, and counted as outflow."""
+    """As `slopes_of`, for tanks with leaks: the leaked water is counted as outflow."""
     tight = slopes_of(settings, replace(effects, leak=[0.0] * 4))
     A1, A2, A3, A4 = areas_cm2 = settings.tanks.area_cm2
     speed = math.sqrt(2.0 * settings.tanks.gravity_cm_s2)
@@ -125,14 +125,14 @@ class Tanks:
         """Water in all four tanks."""
         return sum(area * level for area, level in zip(self._area_cm2, self.levels_cm, strict=True))
 
-    def obey(self, effects: Effects) -> None:
-        """Take leaks, blocked outlets, valve splits and lags from the effects, from now on."""
+    def apply_effects(self, effects: Effects) -> None:
+        """Use the leaks, blocked outlets, valve splits and lags of these effects from now on."""
         self._slopes = slopes_of(self._settings, effects)
         lags = zip(self._own_lags_s, effects.lag_s, strict=True)
         self._lags_s = tuple(own_s if new_s is None else new_s for own_s, new_s in lags)
 
     def stir(self, volumes_cm3: list[float]) -> None:
-        """Add a volume to each tank (below 0: take it), as far as there is room or water."""
+        """Add a volume to each tank (negative: remove it), within 0 .. height."""
         top_cm = self._height_cm
         levels_cm = []
         for level_cm, area_cm2, volume_cm3 in zip(self.levels_cm, self._area_cm2, volumes_cm3, strict=True):
@@ -142,14 +142,14 @@ class Tanks:
         self.levels_cm = (h1, h2, h3, h4)
 
     def copy(self) -> "Tanks":
-        """Return a second plant in the same state; all of that state is immutable values."""
+        """Return a second plant in the same state, which consists of immutable values."""
         return copy(self)
 
     def advance(self, dt_s: float, applied_V: tuple[float, float], effectiveness: list[float]) -> None:
-        """Go on by dt_s with constant inputs, in equal steps of at most 20 ms."""
+        """Advance by dt_s with constant inputs, in equal steps of at most 20 ms."""
         if dt_s <= 0.0:
             return
-        steps = math.ceil(dt_s / LONGEST_STEP_S - 1e-9)
+        steps = math.ceil(dt_s / MAX_STEP_S - 1e-9)
         for _ in range(steps):
             self._step(dt_s / steps, applied_V, effectiveness)
 
@@ -202,7 +202,7 @@ class Tanks:
         return self.flow_V, middle, (v1 + (w1 - v1) * full, v2 + (w2 - v2) * full)
 
     def _bounded(self, h1: float, h2: float, h3: float, h4: float) -> tuple[float, float, float, float]:
-        """Keep levels in 0 .. height: what is above spills; what an empty tank gave too much is taken back."""
+        """Keep levels in 0 .. height: water above spills; outflow that an empty tank did not have is taken back."""
         A1, A2, A3, A4 = self._area_cm2
         if h3 < 0.0:
             h1, h3 = h1 + h3 * A3 / A1, 0.0

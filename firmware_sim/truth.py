@@ -1,4 +1,4 @@
-"""What no sensor tells."""
+"""The true state of the rig, for tests and for the record of a lockstep run."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from firmware_sim.level_node import Quad
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """What no sensor tells: the state of the rig now. scenario_s is None until the pump node first runs.
+    """The true state of the rig now. scenario_s is None until the pump node first runs.
 
     effectiveness : share of the flow of a pump as new, less wear and with any fault. faults : those active now, by kind
     and target.

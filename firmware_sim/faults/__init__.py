@@ -1,7 +1,7 @@
 """Faults of the emulated rig: what can go wrong, from when on and until when.
 
 A kind of fault is one frozen table with an `apply` method that writes into `Effects`; plant and nodes read
-`Effects` and know nothing of schedules. `catalogue.KINDS` has every kind by name.
+`Effects` and do not know the schedule. `catalogue.KINDS` has every kind by name.
 """
 
 from firmware_sim.faults.base import Fault, FaultTable

@@ -1,6 +1,11 @@
-"""What every kind of fault has: an onset, perhaps an end, and `apply`. Times are seconds of scenario time."""
+"""What every kind of fault has: an onset, perhaps an end, and `apply`. Times are seconds of scenario time.
 
-from typing import Annotated, Any, Protocol, get_args
+A kind of fault is one class below `FaultTable`. Everything else is made from it: the check of a scenario, the `failure`
+command, its help and the table in the documentation (see `firmware_sim.faults.catalogue`).
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Protocol, get_args
 
 from pydantic import ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
@@ -8,7 +13,7 @@ from pydantic_core import PydanticCustomError
 from firmware_sim.faults.effects import Effects, Episode
 from firmware_sim.setting_types import Table, one_of, within
 
-LONGEST_S = 1e7
+MAX_S = 1e7
 
 PumpNumber = Annotated[int, one_of(1, 2)]
 TankNumber = Annotated[int, one_of(1, 2, 3, 4)]
@@ -25,7 +30,7 @@ class Fault(Protocol):
 
     @property
     def target(self) -> int | str:
-        """What it befalls."""
+        """What the fault acts on."""
 
     @property
     def at_s(self) -> float:
@@ -33,17 +38,38 @@ class Fault(Protocol):
 
     @property
     def until_s(self) -> float | None:
-        """End, or None: it stays."""
+        """End, or None: the fault lasts to the end of the run."""
 
     def apply(self, effects: Effects, episode: Episode) -> None:
         """Write this fault into the effects."""
 
 
-class FaultTable(Table):
-    """A [[fault]] of a scenario."""
+@dataclass(frozen=True)
+class FailureWord:
+    """A failure type of the `failure` command: its component, its word, the value if none is given, a fixed target."""
 
-    at_s: Annotated[float, within(0.0, LONGEST_S)]
-    until_s: Annotated[float, within(0.0, LONGEST_S)] | None = None
+    component: str
+    word: str
+    value: float | None = None
+    target: str | None = None
+
+
+class FaultTable(Table):
+    """A [[fault]] of a scenario.
+
+    acts_on : the part that fails, as the documentation calls it. targets_text : for the documentation, where listing
+    all targets would be too long. unit : of `value`, "" where the kind takes none.
+    words : how the `failure` command calls this kind; the first one decides the component and the target of the kind's
+    own name.
+    """
+
+    acts_on: ClassVar[str]
+    targets_text: ClassVar[str] = ""
+    unit: ClassVar[str] = ""
+    words: ClassVar[tuple[FailureWord, ...]]
+
+    at_s: Annotated[float, within(0.0, MAX_S)]
+    until_s: Annotated[float, within(0.0, MAX_S)] | None = None
 
     @field_validator("until_s")
     @classmethod

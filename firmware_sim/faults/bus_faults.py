@@ -1,11 +1,11 @@
-"""Faults of the bus as a whole: strangers on it, disturbances, and the end of it."""
+"""Faults of the bus as a whole: unknown senders, error frames, bus-off."""
 
 from collections.abc import Callable
 from typing import Annotated, Literal
 
 from can import Message
 
-from firmware_sim.faults.base import FaultTable, Volt
+from firmware_sim.faults.base import FailureWord, FaultTable, Volt
 from firmware_sim.faults.effects import NS_PER_S, Effects, Episode, Source
 from firmware_sim.frames import COMMAND_ID, Frame, pack_command
 from firmware_sim.setting_types import named, within
@@ -19,18 +19,23 @@ Rate = Annotated[float, within(0.1, 4000.0)]
 
 
 class Babble(FaultTable):
-    """A stranger sends `value` frames/s with random data.
+    """An unknown node sends `value` frames/s with random data.
 
-    Target "foreign" (the default): under 0x7A5, which gives way to all of ours. "top": under 0x000, to which all give
-    way; from 3700 frames/s on, which is all that 500 kbit/s can carry, nothing else gets through, either way.
+    Target "foreign" (the default): identifier 0x7A5, of lower priority than all frames of the bench. "top": 0x000, of
+    higher priority than all; from 3700 frames/s on, which is all that 500 kbit/s can carry, no other frame gets
+    through, in either direction.
     """
+
+    acts_on = "bus"
+    unit = "frames/s"
+    words = (FailureWord("bus", "babble", target="foreign"), FailureWord("bus", "flood", target="top"))
 
     kind: Literal["babble"]
     target: Annotated[str, named("foreign", "top")] = "foreign"
     value: Rate
 
     def apply(self, effects: Effects, episode: Episode) -> None:
-        """Put the stranger on the bus."""
+        """Add the unknown sender."""
         can_id = TOP_ID if self.target == "top" else FOREIGN_ID
         random = episode.random
 
@@ -44,14 +49,18 @@ class Babble(FaultTable):
 
 
 class ForeignCommand(FaultTable):
-    """Somebody else commands `value` V on both pumps, ten times a second, in frames that the pump node accepts."""
+    """Another controller commands `value` V on both pumps, 10 times a second, with a counter that is accepted."""
+
+    acts_on = "bus"
+    unit = "V"
+    words = (FailureWord("bus", "command", target="PumpCommand"),)
 
     kind: Literal["foreign_command"]
     target: Annotated[str, named("PumpCommand")] = "PumpCommand"
     value: Volt
 
     def apply(self, effects: Effects, episode: Episode) -> None:
-        """Put the other controller on the bus."""
+        """Add the other controller."""
         voltage_V = self.value
 
         def frame(now_ns: int, counter: int) -> Message:
@@ -62,14 +71,18 @@ class ForeignCommand(FaultTable):
 
 
 class ErrorFrames(FaultTable):
-    """`value` error frames/s. An slcan adapter has no way to report them."""
+    """`value` error frames/s on the bus. An slcan adapter cannot report them."""
+
+    acts_on = "bus"
+    unit = "frames/s"
+    words = (FailureWord("bus", "errors"),)
 
     kind: Literal["error_frames"]
     target: Annotated[str, named("all")] = "all"
     value: Rate
 
     def apply(self, effects: Effects, episode: Episode) -> None:
-        """Put the disturbance on the bus."""
+        """Add the source of error frames."""
 
         def frame(now_ns: int, counter: int) -> Message:
             del counter
@@ -79,7 +92,10 @@ class ErrorFrames(FaultTable):
 
 
 class BusOff(FaultTable):
-    """Nothing goes out or comes in any more."""
+    """No frame goes out or comes in."""
+
+    acts_on = "bus"
+    words = (FailureWord("bus", "off"),)
 
     kind: Literal["bus_off"]
     target: Annotated[str, named("all")] = "all"
@@ -92,6 +108,3 @@ class BusOff(FaultTable):
 
 def _source(episode: Episode, rate_per_s: float, frame: Callable[[int, int], Message]) -> Source:
     return episode.memory(lambda: Source(round(NS_PER_S / rate_per_s), episode.begin_ns, frame))
-
-
-BUS_KINDS: tuple[type[FaultTable], ...] = (Babble, ForeignCommand, ErrorFrames, BusOff)

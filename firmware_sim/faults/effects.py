@@ -1,6 +1,6 @@
 """What the faults that are active now do to the rig. Faults write here; plant and nodes read here.
 
-Lists are in the order pump 1, 2 or tank 1, 2, 3, 4. A fresh `Effects` is a healthy rig.
+Lists are in the order pump 1, 2 or tank 1, 2, 3, 4. A new `Effects` is a healthy rig.
 """
 
 from collections.abc import Callable
@@ -21,39 +21,39 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Codes:
-    """What a converter can say: codes 0 .. top, each worth step_V."""
+    """The codes of a converter: 0 .. top, each worth step_V."""
 
     top: int
     step_V: float
 
 
 class Override(Protocol):
-    """Puts something else in the place of a channel's reading."""
+    """Replaces a channel's reading."""
 
     def __call__(self, fresh: Reading, last: Reading | None, codes: Codes) -> Reading:
         """Return the reading to send for a fresh one and the one that was sent last."""
 
 
 class Stage(Protocol):
-    """Something that a frame has to pass."""
+    """A step through which a frame passes on the faulty wire."""
 
     def __call__(self, frame: Message) -> list[Message]:
-        """Return what goes on in its place, now."""
+        """Return the frames to pass on in its place, now."""
 
     def rest(self) -> list[Message]:
-        """Return what is still held back, when the fault ends."""
+        """Return the frames that are still held back, when the fault ends."""
 
 
 @dataclass(eq=False)
 class Source:
-    """A stranger on the bus: a frame every period_ns, made from the time in ns and the counter of a next command."""
+    """An unknown sender: a frame every period_ns, made from the time in ns and the counter of the next command."""
 
     period_ns: int
     next_ns: int
     frame: Callable[[int, int], Message]
 
     def skip_to(self, now_ns: int) -> None:
-        """Leave out what would have been due before now."""
+        """Skip the frames that were due before now."""
         if self.next_ns < now_ns:
             self.next_ns += -((self.next_ns - now_ns) // self.period_ns) * self.period_ns
 
@@ -77,7 +77,7 @@ class ChannelEffects:
         return added_V
 
     def replaced(self, fresh: Reading, last: Reading | None, codes: Codes) -> Reading:
-        """Reading after all overrides; every one is asked, the one that began last is heard."""
+        """Reading after all overrides; each is called, the result of the last one is used."""
         reading = fresh
         for override in self.overrides:
             reading = override(fresh, last, codes)
@@ -92,9 +92,9 @@ class Effects:
     lag_s : a pump's new lag. valve_split : a pump's new gamma. is_dry : whether the pumps move air.
     leak : area of a hole as a share of the tank's outlet. blocked : share of the outlet that is shut.
     channels : level channels with faults, by index 0 .. 3. stages, delay_ns : what frames pass through, by identifier
-    (stages in the order of their numbers). muted : identifiers that don't get through. is_bus_off : nothing does.
-    is_jammed : only strangers do. sources : those strangers. reboots : a node's last loss of power and when it came
-    back, in ns. wall_ahead_ns : by how much a node's wall clock is ahead.
+    (stages in the order of their numbers). muted : identifiers that are blocked. is_bus_off : all are blocked.
+    is_jammed : only the sources get through. sources : unknown senders. reboots : a node's last loss of power and when
+    it came back, in ns. wall_ahead_ns : by how much a node's wall clock is ahead.
     """
 
     effectiveness: list[float] = field(default_factory=lambda: [1.0, 1.0])
@@ -120,7 +120,7 @@ class Effects:
 
 
 class Episode:
-    """One fault's time from onset to end, with its own random stream and what it has to remember."""
+    """One fault's time from onset to end, with its own random stream and its own state."""
 
     def __init__(self, seed: int, index: int, begin_ns: int, end_ns: int | None) -> None:
         self.begin_ns = begin_ns
@@ -138,7 +138,7 @@ class Episode:
         return self._random
 
     def memory(self, make: Callable[[], T]) -> T:
-        """What the fault made for itself when it first applied."""
+        """The state that the fault made when it first applied."""
         if self._memory is None:
             self._memory = make()
         kept: T = self._memory

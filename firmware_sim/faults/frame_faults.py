@@ -1,7 +1,7 @@
 """Faults of single frames between a node and the wire. Target: a frame's name in the contract, or "all".
 
-PumpCommand is caught on its way in, all others on their way out. Kinds that differ act together, in the order of
-`STAGE_ORDER`; with "all", each frame keeps its own counts.
+PumpCommand is changed on its way to the pump node, all others on their way to the bus. Different kinds act together, in
+the order of `STAGE_ORDER`; with "all", each frame has its own counts.
 """
 
 from collections.abc import Callable
@@ -10,12 +10,12 @@ from typing import Annotated, Literal
 import numpy as np
 from can import Message
 
-from firmware_sim.faults.base import FaultTable, Share, kind_of
+from firmware_sim.faults.base import FailureWord, FaultTable, Share, kind_of
 from firmware_sim.faults.effects import NS_PER_S, Effects, Episode, Stage
 from firmware_sim.frames import COUNTER_AT, FRAME_IDS, remade, sealed
 from firmware_sim.setting_types import named, whole, within
 
-MOST_FLIPS = 3
+MAX_FLIPS = 3
 OTHER_ID_BIT = 0x008
 STAGE_ORDER = (
     "counter_stuck",
@@ -34,17 +34,20 @@ FrameName = Annotated[str, named(*FRAME_IDS, "all")]
 
 
 class FrameFault(FaultTable):
-    """A fault of frames: each frame meant gets a stage of its own, which lives as long as the fault."""
+    """A fault of frames: each target frame gets a stage of its own, which lives as long as the fault."""
+
+    acts_on = "frame"
+    targets_text = 'a frame\'s name, or "all"'
 
     target: FrameName
 
     @property
     def can_ids(self) -> tuple[int, ...]:
-        """Identifiers of the frames meant."""
+        """Identifiers of the target frames."""
         return tuple(FRAME_IDS.values()) if self.target == "all" else (FRAME_IDS[self.target],)
 
     def apply(self, effects: Effects, episode: Episode) -> None:
-        """Put a stage into the way of every frame meant."""
+        """Add a stage for every target frame."""
         stages: dict[int, Stage] = episode.memory(dict)
         rank = STAGE_ORDER.index(kind_of(type(self)))
         for can_id in self.can_ids:
@@ -60,6 +63,9 @@ class FrameFault(FaultTable):
 class FrameLoss(FrameFault):
     """Each frame is lost with probability `value`."""
 
+    unit = "probability"
+    words = (FailureWord("frames", "off", 1.0), FailureWord("frames", "intermittent"))
+
     kind: Literal["frame_loss"]
     value: Share
 
@@ -70,7 +76,10 @@ class FrameLoss(FrameFault):
 
 
 class FrameBurst(FrameFault):
-    """The next `value` frames in a row are lost."""
+    """The next `value` frames in a row are lost, of each target frame; then the fault is over."""
+
+    unit = "frames"
+    words = (FailureWord("frames", "burst"),)
 
     kind: Literal["frame_burst"]
     value: Annotated[int, whole(1, 100_000)]
@@ -82,19 +91,24 @@ class FrameBurst(FrameFault):
 
 
 class FrameDelay(FrameFault):
-    """Every frame comes `value` s later, in its order."""
+    """Every frame arrives `value` s later; the order is kept."""
+
+    unit = "s"
+    words = (FailureWord("frames", "delayed"),)
 
     kind: Literal["frame_delay"]
     value: Annotated[float, within(0.0, 60.0)]
 
     def apply(self, effects: Effects, episode: Episode) -> None:
-        """Set the delay of every frame meant."""
+        """Set the delay of every target frame."""
         del episode
         effects.delay_ns |= dict.fromkeys(self.can_ids, round(self.value * NS_PER_S))
 
 
 class FrameDuplicate(FrameFault):
-    """Every frame comes twice."""
+    """Every frame is sent twice."""
+
+    words = (FailureWord("frames", "duplicate"),)
 
     kind: Literal["frame_duplicate"]
 
@@ -105,7 +119,9 @@ class FrameDuplicate(FrameFault):
 
 
 class FrameReorder(FrameFault):
-    """Neighbours are swapped: every second frame of a name comes before the one that it should follow."""
+    """Frames are swapped in pairs: the second comes first, the first immediately after it."""
+
+    words = (FailureWord("frames", "reorder"),)
 
     kind: Literal["frame_reorder"]
 
@@ -116,7 +132,10 @@ class FrameReorder(FrameFault):
 
 
 class FrameCorrupt(FrameFault):
-    """With probability `value` one to three random bits of the payload flip."""
+    """With probability `value` one to three random bits of the payload flip; the CRC always detects that."""
+
+    unit = "probability"
+    words = (FailureWord("frames", "garbage", 1.0),)
 
     kind: Literal["frame_corrupt"]
     value: Share
@@ -128,7 +147,9 @@ class FrameCorrupt(FrameFault):
 
 
 class CounterStuck(FrameFault):
-    """The counter stays where it was; data are fresh and the CRC is right."""
+    """The counter keeps the value of the first frame; data are fresh and the CRC is right."""
+
+    words = (FailureWord("frames", "stuck"),)
 
     kind: Literal["counter_stuck"]
 
@@ -139,7 +160,10 @@ class CounterStuck(FrameFault):
 
 
 class WrongLength(FrameFault):
-    """A frame has `value` payload bytes; without a value, or where that is its right length, one too few."""
+    """The payload is cut or padded to `value` bytes; without a value, or at its length, it is a byte too short."""
+
+    unit = "bytes"
+    words = (FailureWord("frames", "short"),)
 
     kind: Literal["wrong_length"]
     value: Annotated[int, whole(0, 8)] | None = None
@@ -157,7 +181,10 @@ class WrongLength(FrameFault):
 
 
 class WrongId(FrameFault):
-    """A frame comes under identifier `value`; without one, under its own with bit 3 flipped."""
+    """A frame has identifier `value`; without a value, its own with bit 3 flipped."""
+
+    unit = "identifier"
+    words = (FailureWord("frames", "wrong"),)
 
     kind: Literal["wrong_id"]
     value: Annotated[int, whole(0, 0x7FF)] | None = None
@@ -170,7 +197,9 @@ class WrongId(FrameFault):
 
 
 class ExtendedId(FrameFault):
-    """A frame comes with a 29-bit identifier of the same number."""
+    """A frame has a 29-bit identifier of the same number."""
+
+    words = (FailureWord("frames", "extended"),)
 
     kind: Literal["extended_id"]
 
@@ -181,7 +210,9 @@ class ExtendedId(FrameFault):
 
 
 class RemoteFrame(FrameFault):
-    """A frame comes as a request for itself, without data."""
+    """A frame becomes a remote frame of the same identifier and length, without data."""
+
+    words = (FailureWord("frames", "remote"),)
 
     kind: Literal["remote_frame"]
 
@@ -248,7 +279,7 @@ class _Flip(_Each):
         if bits == 0 or self._random.random() >= self._probability:
             return [frame]
         data = bytearray(frame.data)
-        count = int(self._random.integers(1, MOST_FLIPS + 1))
+        count = int(self._random.integers(1, MAX_FLIPS + 1))
         for bit in self._random.choice(bits, size=count, replace=False).tolist():
             data[bit // 8] ^= 1 << bit % 8
         return [remade(frame, data=bytes(data))]
@@ -269,18 +300,3 @@ class _Freeze(_Each):
             self._counter = data[self._at] >> self._shift & 0x0F
         data[self._at] = data[self._at] & ~(0x0F << self._shift) & 0xFF | self._counter << self._shift
         return [remade(frame, data=sealed(self._can_id, bytes(data[:-1])))]
-
-
-FRAME_KINDS: tuple[type[FaultTable], ...] = (
-    FrameLoss,
-    FrameBurst,
-    FrameDelay,
-    FrameDuplicate,
-    FrameReorder,
-    FrameCorrupt,
-    CounterStuck,
-    WrongLength,
-    WrongId,
-    ExtendedId,
-    RemoteFrame,
-)

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal
 
-from firmware_sim.faults.base import LONGEST_S, FaultTable
+from firmware_sim.faults.base import MAX_S, FailureWord, FaultTable
 from firmware_sim.faults.effects import NS_PER_S, Effects, Episode
 from firmware_sim.frames import (
     COMMAND_ID,
@@ -24,7 +24,13 @@ NodeName = Annotated[str, named("pump", "level")]
 
 
 class NodeReboot(FaultTable):
-    """A node forgets everything and boots, at 0 V, with the next BootCount; until_s is when its power comes back."""
+    """A node loses its state and boots, at 0 V, with the next BootCount.
+
+    With `until_s` it has no power, and sends nothing, until then.
+    """
+
+    acts_on = "node"
+    words = (FailureWord("node", "reboot"),)
 
     kind: Literal["node_reboot"]
     target: NodeName
@@ -37,7 +43,10 @@ class NodeReboot(FaultTable):
 
 
 class NodeSilent(FaultTable):
-    """A node's line is cut: nothing comes from it, and the pump node hears no command."""
+    """The node is cut off: no frame comes from it, and the pump node receives no command, so its watchdog trips."""
+
+    acts_on = "node"
+    words = (FailureWord("node", "off"),)
 
     kind: Literal["node_silent"]
     target: NodeName
@@ -49,7 +58,10 @@ class NodeSilent(FaultTable):
 
 
 class HeartbeatStop(FaultTable):
-    """A node sends no heartbeats; everything else goes on."""
+    """A node sends no heartbeats; all its other frames continue."""
+
+    acts_on = "node"
+    words = (FailureWord("node", "no_heartbeat"),)
 
     kind: Literal["heartbeat_stop"]
     target: NodeName
@@ -61,16 +73,17 @@ class HeartbeatStop(FaultTable):
 
 
 class ClockJump(FaultTable):
-    """The node's wall clock is `value` s off. Nothing but the wall time in the change record may show it."""
+    """The node's wall clock is `value` s ahead. Only `wall_s` in the change record (`--record`) shows it."""
+
+    acts_on = "node"
+    unit = "s"
+    words = (FailureWord("node", "clock"),)
 
     kind: Literal["clock_jump"]
     target: NodeName
-    value: Annotated[float, within(-LONGEST_S, LONGEST_S)]
+    value: Annotated[float, within(-MAX_S, MAX_S)]
 
     def apply(self, effects: Effects, episode: Episode) -> None:
         """Set the node's wall clock."""
         del episode
         effects.wall_ahead_ns[self.target] = round(self.value * NS_PER_S)
-
-
-NODE_KINDS: tuple[type[FaultTable], ...] = (NodeReboot, NodeSilent, HeartbeatStop, ClockJump)

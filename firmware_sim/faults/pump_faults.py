@@ -2,13 +2,17 @@
 
 from typing import Annotated, Literal
 
-from firmware_sim.faults.base import FaultTable, PumpNumber, Share, Volt
+from firmware_sim.faults.base import FailureWord, FaultTable, PumpNumber, Share, Volt
 from firmware_sim.faults.effects import Effects, Episode
 from firmware_sim.setting_types import one_of, within
 
 
 class PumpEffectiveness(FaultTable):
     """A pump gives only a share of the flow that its voltage should give (1: healthy, 0: dead)."""
+
+    acts_on = "pump"
+    unit = "share of the flow"
+    words = (FailureWord("pump", "wrong"),)
 
     kind: Literal["pump_effectiveness"]
     target: PumpNumber
@@ -23,17 +27,27 @@ class PumpEffectiveness(FaultTable):
 class PumpDead(FaultTable):
     """A pump gives no flow."""
 
+    acts_on = "pump"
+    words = (FailureWord("pump", "off"),)
+
     kind: Literal["pump_dead"]
     target: PumpNumber
 
     def apply(self, effects: Effects, episode: Episode) -> None:
-        """Set the share of the target pump to nothing."""
+        """Set the share of the target pump to zero."""
         del episode
         effects.effectiveness[self.target - 1] = 0.0
 
 
 class PumpStuckOn(FaultTable):
-    """A pump gets `value` V whatever its node puts out, and the node can't know: as with welded relay contacts."""
+    """A pump gets `value` V whatever its node puts out, as with welded relay contacts.
+
+    The node reports its own output.
+    """
+
+    acts_on = "pump"
+    unit = "V"
+    words = (FailureWord("pump", "stuck"),)
 
     kind: Literal["pump_stuck_on"]
     target: PumpNumber
@@ -46,7 +60,11 @@ class PumpStuckOn(FaultTable):
 
 
 class PumpLag(FaultTable):
-    """A pump follows its voltage with a first-order lag of `value` s."""
+    """A pump's flow follows its voltage with a first-order lag of `value` s."""
+
+    acts_on = "pump"
+    unit = "s"
+    words = (FailureWord("pump", "slow"),)
 
     kind: Literal["pump_lag"]
     target: PumpNumber
@@ -59,7 +77,11 @@ class PumpLag(FaultTable):
 
 
 class ValveSplit(FaultTable):
-    """The valve behind a pump sends the share `value` of its flow to the lower tank (a new gamma)."""
+    """The valve behind a pump sends the share `value` (the new γ) of the pump's flow to the lower tank."""
+
+    acts_on = "valve of pump"
+    unit = "share of the flow"
+    words = (FailureWord("valve", "wrong"),)
 
     kind: Literal["valve_split"]
     target: PumpNumber
@@ -72,7 +94,10 @@ class ValveSplit(FaultTable):
 
 
 class ReservoirLow(FaultTable):
-    """The reservoir is dry: both pumps move air."""
+    """The reservoir is dry: both pumps draw air."""
+
+    acts_on = "reservoir"
+    words = (FailureWord("reservoir", "off"),)
 
     kind: Literal["reservoir_low"]
     target: Annotated[int, one_of(0)] = 0
@@ -81,6 +106,3 @@ class ReservoirLow(FaultTable):
         """Take the water away."""
         del episode
         effects.is_dry = True
-
-
-PUMP_KINDS: tuple[type[FaultTable], ...] = (PumpEffectiveness, PumpDead, PumpStuckOn, PumpLag, ValveSplit, ReservoirLow)

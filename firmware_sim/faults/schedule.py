@@ -1,10 +1,9 @@
 """When faults act.
 
-Those of a scenario wait for its start (t = 0, when the pump node first enters run); those that are injected begin at
-once.
+Faults of a scenario wait for its start (t = 0, when the pump node first enters run); injected faults begin at once.
 
-Of two faults that set the same thing, the one that began later holds; when it ends, the earlier one holds again.
-Of two that begin at the same time, the one that stands later in the list holds.
+Of two faults that set the same value, the later onset wins; when that fault ends, the earlier one applies again. Of two
+that begin at the same time, the later one in the list wins.
 """
 
 from collections.abc import Callable

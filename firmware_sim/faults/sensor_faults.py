@@ -1,14 +1,14 @@
 """Faults of the level sensors. Target: sensor of tank 1 .. 4.
 
-Bias, drift and noise add to the signal before the converter, each once; stuck, open and garbage replace the reading
-behind it, and of these only one can: the one that began last.
+Bias, drift and noise add to the signal before the converter, each once. Stuck, open and garbage replace the converter's
+reading; of these, the fault that began last is used.
 """
 
 from typing import Annotated, Literal
 
 import numpy as np
 
-from firmware_sim.faults.base import FaultTable, TankNumber
+from firmware_sim.faults.base import FailureWord, FaultTable, TankNumber
 from firmware_sim.faults.effects import NS_PER_S, Codes, Effects, Episode, Reading
 from firmware_sim.frames import ChannelStatus
 from firmware_sim.setting_types import within
@@ -17,7 +17,11 @@ RANGE_V = 10.24
 
 
 class SensorBias(FaultTable):
-    """The signal is `value` V too high (below 0: too low)."""
+    """`value` V are added to the signal, before the converter."""
+
+    acts_on = "sensor of tank"
+    unit = "V"
+    words = (FailureWord("level", "wrong"),)
 
     kind: Literal["sensor_bias"]
     target: TankNumber
@@ -30,7 +34,11 @@ class SensorBias(FaultTable):
 
 
 class SensorDrift(FaultTable):
-    """The signal runs away by `value` V/s from the onset on."""
+    """The signal drifts by `value` V/s from the onset on."""
+
+    acts_on = "sensor of tank"
+    unit = "V/s"
+    words = (FailureWord("level", "drift"),)
 
     kind: Literal["sensor_drift"]
     target: TankNumber
@@ -43,7 +51,11 @@ class SensorDrift(FaultTable):
 
 
 class SensorNoise(FaultTable):
-    """White noise of standard deviation `value` V on top of the sensor's own."""
+    """White noise of standard deviation `value` V is added to the sensor's own."""
+
+    acts_on = "sensor of tank"
+    unit = "V rms"
+    words = (FailureWord("level", "noise"),)
 
     kind: Literal["sensor_noise"]
     target: TankNumber
@@ -56,7 +68,10 @@ class SensorNoise(FaultTable):
 
 
 class SensorStuck(FaultTable):
-    """The converter repeats the reading that it sent last before the onset."""
+    """The converter repeats the last reading before the onset, with its status."""
+
+    acts_on = "sensor of tank"
+    words = (FailureWord("level", "stuck"),)
 
     kind: Literal["sensor_stuck"]
     target: TankNumber
@@ -67,7 +82,10 @@ class SensorStuck(FaultTable):
 
 
 class SensorOpen(FaultTable):
-    """A broken wire on an input that is pulled up: the highest reading, and the channel says OverRange."""
+    """A broken wire on an input with a pull-up resistor: the highest reading, with status OverRange."""
+
+    acts_on = "sensor of tank"
+    words = (FailureWord("level", "off"),)
 
     kind: Literal["sensor_open"]
     target: TankNumber
@@ -79,7 +97,10 @@ class SensorOpen(FaultTable):
 
 
 class SensorGarbage(FaultTable):
-    """Uniformly random codes over the converter's whole range; the channel says Ok."""
+    """Uniformly random codes over the converter's whole range, with status Ok."""
+
+    acts_on = "sensor of tank"
+    words = (FailureWord("level", "garbage"),)
 
     kind: Literal["sensor_garbage"]
     target: TankNumber
@@ -103,7 +124,7 @@ class _Held:
 
 
 class _Garbage:
-    """Makes readings up."""
+    """Returns a random code each time."""
 
     def __init__(self, random: np.random.Generator) -> None:
         self._random = random
@@ -116,13 +137,3 @@ class _Garbage:
 def _pulled_up(fresh: Reading, last: Reading | None, codes: Codes) -> Reading:
     del fresh, last
     return codes.top * codes.step_V, ChannelStatus.OVER_RANGE
-
-
-SENSOR_KINDS: tuple[type[FaultTable], ...] = (
-    SensorBias,
-    SensorDrift,
-    SensorNoise,
-    SensorStuck,
-    SensorOpen,
-    SensorGarbage,
-)

@@ -2,13 +2,20 @@
 
 from typing import Annotated, Literal
 
-from firmware_sim.faults.base import FaultTable, Share, TankNumber
+from firmware_sim.faults.base import FailureWord, FaultTable, Share, TankNumber
 from firmware_sim.faults.effects import Effects, Episode
 from firmware_sim.setting_types import within
 
 
 class Leak(FaultTable):
-    """A hole in the bottom, `value` times as large as the tank's outlet, through which water leaves the rig."""
+    """A hole in the bottom, `value` times as large as the tank's outlet, through which water leaves the rig.
+
+    At 0.2 a further 20 % of the outflow is lost; the hole follows the same square-root law as the outlet.
+    """
+
+    acts_on = "tank"
+    unit = "share of the outlet's area"
+    words = (FailureWord("tank", "leak"),)
 
     kind: Literal["leak"]
     target: TankNumber
@@ -21,7 +28,11 @@ class Leak(FaultTable):
 
 
 class OutletBlock(FaultTable):
-    """A share of the outlet's area is blocked (1: nothing gets through)."""
+    """A share of the outlet's area is blocked (1: completely)."""
+
+    acts_on = "tank"
+    unit = "share of the outlet's area"
+    words = (FailureWord("tank", "blocked"),)
 
     kind: Literal["outlet_block"]
     target: TankNumber
@@ -31,6 +42,3 @@ class OutletBlock(FaultTable):
         """Set the blocked share of the target tank."""
         del episode
         effects.blocked[self.target - 1] = self.value
-
-
-TANK_KINDS: tuple[type[FaultTable], ...] = (Leak, OutletBlock)

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from firmware_sim.command_server import LINE_MAX, Control, Lines, listen_unix
+from firmware_sim.command_server import LINE_MAX, CommandServer, Lines, listen_unix
 from firmware_sim.links import listen
 from tests.firmware_sim.fault_bench import rig_with
 from tests.firmware_sim.sim_bench import SECOND
@@ -29,7 +29,7 @@ def control(request, tmp_path):
     rig = rig_with()
     rig.advance(SECOND)
     listener = listen(0) if request.param == "tcp" else listen_unix(tmp_path / "control")
-    control = Control(rig, listener)
+    control = CommandServer(rig, listener)
     control.rig = rig
     yield control
     control.close()
@@ -53,8 +53,8 @@ def test_each_line_gets_its_answer_on_its_own_socket(control):
         control.read(SECOND)
         assert first.recv(1000).decode().splitlines() == [
             "ok pump_dead 1",
-            "error: pump has no failure type 'garbage': one of ok, off, stuck, slow, wrong, pump_effectiveness, "
-            "pump_lag, pump_stuck_on, pump_dead",
+            "error: pump has no failure type 'garbage': one of ok, wrong, off, stuck, slow, pump_effectiveness, "
+            "pump_dead, pump_stuck_on, pump_lag",
         ]
         assert second.recv(1000).startswith(b"ok failure")
         assert control.rig.truth().effectiveness == (0.0, 1.0)
@@ -84,7 +84,7 @@ def test_a_path_in_use_is_refused_and_an_abandoned_one_is_taken_over(tmp_path):
     with pytest.raises(OSError, match="in use"):
         listen_unix(path)
     first.close()
-    Control(rig_with(), listen_unix(path)).close()
+    CommandServer(rig_with(), listen_unix(path)).close()
     assert not path.exists()
     path.write_text("precious")
     with pytest.raises(OSError, match="in use"):

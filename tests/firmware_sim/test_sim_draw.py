@@ -111,7 +111,7 @@ def test_a_start_that_the_spread_may_bring_above_the_rim_is_refused(tmp_path):
     file = tmp_path / "emulator.toml"
     text = (CONFIG / "emulator.toml").read_text().replace("parameter_spread = 0.0", "parameter_spread = 0.3", 1)
     file.write_text(text)
-    with pytest.raises(SettingsError, match=r"start_V = \[3.0, 3.0\]: can, with parameter_spread = 0.3, hold a level"):
+    with pytest.raises(SettingsError, match=r"start_V = \[3.0, 3.0\]: with parameter_spread = 0.3 can give a level"):
         load(file)
     file.write_text(text.replace("parameter_spread = 0.3", "parameter_spread = 0.05"))
     for seed in range(50):

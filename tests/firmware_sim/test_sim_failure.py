@@ -2,8 +2,8 @@
 
 import pytest
 
-from firmware_sim.failure_command import COMPONENTS, obey
-from firmware_sim.faults.catalogue import KINDS
+from firmware_sim.failure_command import COMPONENTS, execute
+from firmware_sim.faults.catalogue import KINDS, value_of
 from firmware_sim.frames import NodeState
 from tests.firmware_sim.fault_bench import as_bytes, drive, fault, named, rig_with, run_s
 from tests.firmware_sim.sim_bench import ROOT, SECOND
@@ -27,7 +27,7 @@ class Recorder:
 
 def done(line):
     recorder = Recorder()
-    answer = obey(line, recorder, 7)
+    answer = execute(line, recorder, 7)
     assert "\n" not in answer
     return answer, recorder
 
@@ -84,7 +84,7 @@ def test_a_command_becomes_faults(line, expected):
 
 
 def test_every_kind_can_be_commanded():
-    assert {word.kind for component in COMPONENTS.values() for word in component.words.values()} == set(KINDS)
+    assert {word.kind for component in COMPONENTS.values() for word in component.types.values()} == set(KINDS)
     assert {expected[0][0] for _, expected in COMMANDS} == set(KINDS)
 
 
@@ -118,8 +118,8 @@ REFUSALS = [
     ("failure", "component is missing: one of pump, valve"),
     ("failure gps off", "unknown component 'gps': one of pump, valve"),
     ("failure Pump off", "unknown component 'Pump'"),
-    ("failure pump", "failure type of pump is missing: one of ok, off"),
-    ("failure pump garbage", "pump has no failure type 'garbage': one of ok, off, stuck, slow, wrong"),
+    ("failure pump", "failure type of pump is missing: one of ok, wrong, off"),
+    ("failure pump garbage", "pump has no failure type 'garbage': one of ok, wrong, off, stuck, slow"),
     ("failure tank off", "tank has no failure type 'off': one of ok, leak, blocked"),
     ("failure pump sensor_open", "pump has no failure type 'sensor_open'"),
     ("failure pump off -i 3", "-i 3: pump has instances 1 .. 2, and 0 for all"),
@@ -130,11 +130,11 @@ REFUSALS = [
     ("failure pump off -i", "-i needs a number"),
     ("failure pump off -i one", "-i one: must be a number"),
     ("failure pump off -i inf", "-i inf: must be a number"),
-    ("failure pump off -i 1 -i 2", "-i is there twice"),
+    ("failure pump off -i 1 -i 2", "-i is given twice"),
     ("failure pump off 1", "unknown option '1'"),
     ("failure pump off --instance 1", "unknown option '--instance'"),
     ("failure pump off -v 1", "pump off takes no -v"),
-    ("failure pump slow -i 1", "pump slow needs -v VALUE"),
+    ("failure pump slow -i 1", "pump slow needs -v VALUE: 0 .. 60 s"),
     ("failure pump slow -i 1 -v nan", "-v nan: must be a number"),
     ("failure pump slow -i 1 -v 61", "-v 61: is outside 0 .. 60"),
     ("failure pump wrong -i 1 -v 1.1", "-v 1.1: is outside 0 .. 1"),
@@ -161,14 +161,28 @@ def test_help_names_the_components():
     assert all(name in answer for name in COMPONENTS)
 
 
+@pytest.mark.parametrize(("name", "component"), COMPONENTS.items(), ids=COMPONENTS)
+def test_help_of_a_component_has_each_failure_type_with_what_it_takes(name, component):
+    answer, recorder = done(f"failure help {name}")
+    assert answer.startswith(f"ok {name} -i 1 .. {len(component.targets)}: ok, ")
+    assert recorder.faults == recorder.recoveries == []
+    for failure_type, made in component.types.items():
+        value = value_of(KINDS[made.kind])
+        assert f", {failure_type}{f' (-v {value})' if value else ''}" in answer
+
+
+def test_help_of_an_unknown_component_is_refused():
+    assert done("failure help gps")[0].startswith("error: unknown component 'gps': one of pump, valve")
+
+
 def test_a_command_acts_at_once_and_ok_ends_it():
     rig = rig_with()
     drive(rig, 1.0)
-    assert obey("failure pump off -i 1", rig, rig.now_ns) == "ok pump_dead 1"
+    assert execute("failure pump off -i 1", rig, rig.now_ns) == "ok pump_dead 1"
     assert rig.truth().effectiveness == (0.0, 1.0)
     drive(rig, 2.0)
-    assert obey("failure pump ok -i 2", rig, rig.now_ns) == "ok pump: 0 ended"
-    assert obey("failure pump ok -i 1", rig, rig.now_ns) == "ok pump: 1 ended"
+    assert execute("failure pump ok -i 2", rig, rig.now_ns) == "ok pump: 0 ended"
+    assert execute("failure pump ok -i 1", rig, rig.now_ns) == "ok pump: 1 ended"
     assert rig.truth().effectiveness == (1.0, 1.0)
     assert rig.truth().faults == ()
 
@@ -176,7 +190,7 @@ def test_a_command_acts_at_once_and_ok_ends_it():
 def test_a_command_works_before_the_scenario_starts():
     rig = rig_with()
     rig.advance(150_000_000)
-    obey("failure lower_levels off -t 0.5", rig, rig.now_ns)
+    execute("failure lower_levels off -t 0.5", rig, rig.now_ns)
     frames = drive(rig, 1.0)
     assert run_s(named(frames, "LowerLevels")[0]) == 0.46
 
@@ -185,7 +199,7 @@ def test_a_commanded_fault_is_the_same_as_a_scheduled_one():
     scheduled, commanded = rig_with(fault("sensor_garbage", 2, at_s=1.01)), rig_with()
     expected = drive(scheduled, 1.01) + drive(scheduled, 2.0)
     frames = drive(commanded, 1.01)
-    obey("failure level garbage -i 2", commanded, commanded.now_ns)
+    execute("failure level garbage -i 2", commanded, commanded.now_ns)
     assert as_bytes(frames + drive(commanded, 2.0)) == as_bytes(expected)
 
 
@@ -193,7 +207,7 @@ def test_reboot_by_command_twice_counts_twice():
     rig = rig_with()
     drive(rig, 1.0)
     for _ in range(2):
-        obey("failure node reboot -i 1", rig, rig.now_ns + SECOND)
+        execute("failure node reboot -i 1", rig, rig.now_ns + SECOND)
         assert rig.truth().pump_state is NodeState.BOOT
     heartbeat = rig.pump.heartbeat()
     assert int.from_bytes(heartbeat[1:3], "little") == 3
@@ -203,5 +217,5 @@ def test_the_table_of_the_documents_has_every_kind_and_word():
     text = (ROOT / "docs/reference/faults.md").read_text()
     assert all(f"| `{kind}` |" in text for kind in KINDS)
     assert all(f"`{name}`" in text for name in COMPONENTS)
-    words = {word for part in COMPONENTS.values() for word in part.words} - set(KINDS)
+    words = {word for part in COMPONENTS.values() for word in part.types} - set(KINDS)
     assert all(f"`{word}`" in text for word in words)

@@ -6,52 +6,28 @@ from typing import get_args
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from firmware_sim.faults.catalogue import KINDS
-from firmware_sim.frames import FRAME_IDS
 from firmware_sim.rig import Rig
+from firmware_sim.setting_types import accepts
 from hil.edge.config.scenario_file import FaultKind
 from tests.firmware_sim.fault_bench import START, as_bytes, fault
 from tests.firmware_sim.sim_bench import MS, SECOND, command, shipped
 
-FRAMES = [*FRAME_IDS, "all"]
-NODES = ["pump", "level"]
-SHARE = (0.0, 1.0)
-PARTS = {
-    "pump_effectiveness": ([1, 2], SHARE),
-    "pump_dead": ([1, 2], None),
-    "pump_stuck_on": ([1, 2], (0.0, 10.0)),
-    "pump_lag": ([1, 2], (0.0, 60.0)),
-    "valve_split": ([1, 2], SHARE),
-    "reservoir_low": ([None, 0], None),
-    "leak": ([1, 2, 3, 4], (0.0, 10.0)),
-    "outlet_block": ([1, 2, 3, 4], SHARE),
-    "sensor_bias": ([1, 2, 3, 4], (-10.24, 10.24)),
-    "sensor_drift": ([1, 2, 3, 4], (-10.0, 10.0)),
-    "sensor_noise": ([1, 2, 3, 4], (0.0, 10.24)),
-    "sensor_stuck": ([1, 2, 3, 4], None),
-    "sensor_open": ([1, 2, 3, 4], None),
-    "sensor_garbage": ([1, 2, 3, 4], None),
-    "frame_loss": (FRAMES, SHARE),
-    "frame_burst": (FRAMES, (1, 100)),
-    "frame_delay": (FRAMES, (0.0, 2.0)),
-    "frame_duplicate": (FRAMES, None),
-    "frame_reorder": (FRAMES, None),
-    "frame_corrupt": (FRAMES, SHARE),
-    "counter_stuck": (FRAMES, None),
-    "wrong_length": (FRAMES, (0, 8)),
-    "wrong_id": (FRAMES, (0, 0x7FF)),
-    "extended_id": (FRAMES, None),
-    "remote_frame": (FRAMES, None),
-    "babble": ([None, "foreign", "top"], (0.1, 4000.0)),
-    "foreign_command": ([None, "PumpCommand"], (0.0, 10.0)),
-    "error_frames": ([None, "all"], (0.1, 500.0)),
-    "bus_off": ([None, "all"], None),
-    "node_reboot": (NODES, None),
-    "node_silent": (NODES, None),
-    "heartbeat_stop": (NODES, None),
-    "clock_jump": (NODES, (-1e7, 1e7)),
-}
+NARROWER = {"frame_burst": (1, 100), "frame_delay": (0.0, 2.0), "error_frames": (0.1, 500.0)}
+"""Values that leave something to see within some seconds."""
+
+
+def parts_of(kind, table):
+    """Targets of a kind, None where it may be left out, and the limits of its value, None if it has none."""
+    fields = table.model_fields
+    targets = [*([] if fields["target"].is_required() else [None]), *accepts(fields["target"]).choices]
+    limits = accepts(fields["value"]).numbers if "value" in fields else None
+    return targets, NARROWER.get(kind, limits)
+
+
+PARTS = {kind: parts_of(kind, table) for kind, table in KINDS.items()}
 
 
 @st.composite
@@ -79,8 +55,22 @@ def faults_of_every_kind(seed):
     return tuple(made)
 
 
-def test_every_kind_is_in_the_mixture():
-    assert PARTS.keys() == KINDS.keys()
+@pytest.mark.parametrize("kind", PARTS)
+def test_both_ends_of_a_kind_s_range_are_accepted_and_what_lies_beyond_is_refused(kind):
+    """The limits that the documentation and the help show are those that the check applies."""
+    targets, _ = PARTS[kind]
+    limits = accepts(KINDS[kind].model_fields["value"]).numbers if "value" in KINDS[kind].model_fields else None
+    for target in targets:
+        if limits is None:
+            fault(kind, target)
+            continue
+        low, high = limits
+        assert [fault(kind, target, value).value for value in limits] == [low, high]
+        for beyond in (low - 1, high + 1):
+            with pytest.raises(ValidationError):
+                fault(kind, target, beyond)
+    with pytest.raises(ValidationError):
+        fault(kind, "no such target", None if limits is None else limits[0])
 
 
 def driven(rig, until_s, cuts=None, chance=None):

@@ -5,7 +5,7 @@ import errno
 import can
 import pytest
 
-from firmware_sim.kernel_port import LOOK_AGAIN_NS, InterfacePort
+from firmware_sim.kernel_port import RETRY_NS, InterfacePort
 from firmware_sim.rig import Rig
 from tests.firmware_sim.sim_bench import MS, shipped
 
@@ -80,7 +80,7 @@ def test_unplugged_it_waits_for_ever_and_opens_the_next_one_of_that_name(bench, 
         bench.port.send(bench.port.rig.advance(second * 1000 * MS))
     assert bench.next_bus.sent == []
     bench.is_back = True
-    bench.port.step(30_000 * MS + LOOK_AGAIN_NS)
+    bench.port.step(30_000 * MS + RETRY_NS)
     assert bench.next_bus.sent
     assert (bench.port.reopened, bench.port.filenos()) == (1, [7])
 
@@ -90,8 +90,8 @@ def test_an_interface_that_can_not_be_opened_yet_is_tried_again(bench):
     bench.port.step(100 * MS)
     bench.is_back, usable = True, bench.next_bus
     bench.next_bus = OSError(errno.ENODEV, "not yet")
-    bench.port.step(100 * MS + LOOK_AGAIN_NS)
+    bench.port.step(100 * MS + RETRY_NS)
     assert bench.port.reopened == 0
     bench.next_bus = usable
-    bench.port.step(100 * MS + 2 * LOOK_AGAIN_NS)
+    bench.port.step(100 * MS + 2 * RETRY_NS)
     assert bench.port.reopened == 1

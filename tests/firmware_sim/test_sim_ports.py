@@ -175,15 +175,15 @@ def test_a_second_service_cannot_take_the_port(tcp):
 def test_queue_drops_whole_oldest_lines_but_never_a_begun_one():
     queue = LineQueue()
     queue.put(b"begun\r")
-    queue.wrote(2)
+    queue.discard(2)
     line = b"x" * 99 + b"\r"
     for _ in range(OUTPUT_MAX_BYTES // 100 + 5):
         queue.put(line)
     assert queue.dropped > 0
     assert queue.waiting() == b"gun\r" + line * (len(queue) // 100)
-    queue.wrote(4 + 100)
+    queue.discard(4 + 100)
     assert queue.waiting().startswith(line)
-    queue.wrote(len(queue))
+    queue.discard(len(queue))
     assert not queue
     assert queue.waiting() == b""
 

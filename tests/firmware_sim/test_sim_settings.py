@@ -5,7 +5,8 @@ import sys
 
 import pytest
 
-from firmware_sim.settings import SettingsError, default_config_dir, equilibrium_cm, load
+from firmware_sim.faults.catalogue import KINDS, as_text
+from firmware_sim.settings import SettingsError, default_config_dir, equilibrium_cm, load, load_fingerprint
 from tests.firmware_sim.sim_bench import CONFIG
 
 EMULATOR = (CONFIG / "emulator.toml").read_text()
@@ -96,17 +97,17 @@ def test_bad_emulator_file(tmp_path, old, new, expected):
 
 @pytest.mark.parametrize(("text", "expected"), BAD_SCENARIO)
 def test_bad_scenario_file(tmp_path, text, expected):
-    file = tmp_path / "story.toml"
+    file = tmp_path / "scenario.toml"
     file.write_text(text.replace("GOOD", GOOD_FAULT).replace("KIND", KIND))
     message = complaint(file, CONFIG / "emulator.toml", file)
     assert all(part in message for part in expected), message
 
 
 def test_a_fault_of_the_base_file_is_not_blamed_on_the_scenario(tmp_path):
-    base, story = tmp_path / "emulator.toml", tmp_path / "story.toml"
+    base, scenario = tmp_path / "emulator.toml", tmp_path / "scenario.toml"
     base.write_text(EMULATOR.replace("height_cm = 20.0", "height_cm = -1.0"))
-    story.write_text("[emulator]\ntanks.gravity_cm_s2 = 981.0")
-    assert "tanks.height_cm = -1.0" in complaint(base, base, story)
+    scenario.write_text("[emulator]\ntanks.gravity_cm_s2 = 981.0")
+    assert "tanks.height_cm = -1.0" in complaint(base, base, scenario)
 
 
 def test_missing_files_are_named(tmp_path):
@@ -129,13 +130,45 @@ def test_scenario_overrides_deeply_and_leaves_the_rest():
 
 
 def test_tables_of_the_controller_are_not_looked_at(tmp_path):
-    story = tmp_path / "story.toml"
-    story.write_text("[control]\nnonsense = true\n[rig]\npumps.lag_s = -3.0\n" + GOOD_FAULT)
-    assert len(load(CONFIG / "emulator.toml", story)[1]) == 1
+    scenario = tmp_path / "scenario.toml"
+    scenario.write_text("[control]\nnonsense = true\n[rig]\npumps.lag_s = -3.0\n" + GOOD_FAULT)
+    assert len(load(CONFIG / "emulator.toml", scenario)[1]) == 1
+
+
+def test_a_byte_order_mark_is_read_as_if_it_were_not_there(tmp_path):
+    """Editors of Windows put one at the start of a file; TOML then had an invalid statement in line 1, column 1."""
+    mark = b"\xef\xbb\xbf"
+    scenario = CONFIG / "scenarios/paper_ideal.toml"
+    marked = {}
+    for file in (CONFIG / "emulator.toml", scenario, CONFIG / "bench.dbc"):
+        marked[file.name] = tmp_path / file.name
+        marked[file.name].write_bytes(mark + file.read_bytes())
+    assert load(marked["emulator.toml"], marked["paper_ideal.toml"]) == load(CONFIG / "emulator.toml", scenario)
+    assert load_fingerprint(marked["bench.dbc"]) == load_fingerprint(CONFIG / "bench.dbc")
+    marked["bench.dbc"].write_bytes(mark + b"other" + (CONFIG / "bench.dbc").read_bytes())
+    assert load_fingerprint(marked["bench.dbc"]) != load_fingerprint(CONFIG / "bench.dbc")
 
 
 def test_config_directory_of_a_checkout_is_found():
     assert default_config_dir() == CONFIG
+
+
+def run_emulator(*arguments):
+    command = [sys.executable, "-m", "firmware_sim", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)
+
+
+def test_help_begins_with_an_example():
+    done = run_emulator("--help")
+    assert done.returncode == 0
+    assert "\n\n  Example: firmware-sim --slcan 29536 --scenario paper\n\n" in done.stdout
+
+
+def test_the_fault_kinds_are_listed_with_their_ranges():
+    done = run_emulator("--faults")
+    assert done.returncode == 0
+    assert done.stdout == as_text()
+    assert [line.split()[0] for line in done.stdout.splitlines()] == list(KINDS)
 
 
 COMMAND_LINES = [

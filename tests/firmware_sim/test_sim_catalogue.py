@@ -1,0 +1,53 @@
+"""One class makes a kind of fault known everywhere: check, `failure` command, help, table of the docs."""
+
+from types import ModuleType
+from typing import Annotated, Literal
+
+import pytest
+
+from firmware_sim.failure_command import components_for
+from firmware_sim.faults.base import FailureWord, FaultTable, PumpNumber
+from firmware_sim.faults.catalogue import FAMILIES, KINDS, as_markdown, as_text, kinds_in, value_of
+from firmware_sim.setting_types import within
+
+
+class Worn(FaultTable):
+    """A pump loses `value` of its flow per hour."""
+
+    acts_on = "pump"
+    unit = "1/h"
+    words = (FailureWord("pump", "worn"),)
+
+    kind: Literal["worn"]
+    target: PumpNumber
+    value: Annotated[float, within(0.0, 2.5)]
+
+
+@pytest.fixture
+def kinds():
+    """The catalogue with one more class in one more module."""
+    module = ModuleType("more_faults")
+    module.Worn, module.FaultTable = Worn, FaultTable
+    return kinds_in((*FAMILIES, module))
+
+
+def test_a_new_class_is_a_kind_a_command_and_a_row_of_the_table(kinds):
+    assert list(kinds) == [*KINDS, "worn"]
+    assert components_for(kinds)["pump"].types.keys() >= {"worn", "off", "pump_dead"}
+    row = "| `worn` | pump | 1, 2 | 0 .. 2.5 1/h | `pump worn` | A pump loses `value` of its flow per hour. |\n"
+    assert as_markdown(kinds) == as_markdown() + row
+    assert as_text(kinds).splitlines()[-1].split() == ["worn", "pump", "1,", "2;", "0", "..", "2.5", "1/h"]
+
+
+@pytest.mark.parametrize(("kind", "table"), KINDS.items(), ids=KINDS)
+def test_every_kind_says_what_it_acts_on_its_unit_and_how_to_command_it(kind, table):
+    assert table.acts_on
+    assert table.words
+    assert (table.unit != "") == ("value" in table.model_fields)
+    assert value_of(table).endswith((table.unit, ", or none"))
+    assert f"| `{kind}` | {table.acts_on} | " in as_markdown()
+
+
+def test_no_two_kinds_share_a_word_of_a_component():
+    calls = [(word.component, word.word) for table in KINDS.values() for word in table.words]
+    assert len(set(calls)) == len(calls)
