@@ -172,7 +172,7 @@ def report(console: Console, seconds: float, run: Path, watched: list[Watched], 
     if not kpi:
         console.print(f"the controller ended with {code} and left no key figures")
         return 1
-    received, sent = _logged(run / "can.log")
+    received, sent = _logged(run)
     counted = kpi["commands"]
     missing = max(relay.frames_at_last_command - received, 0)
     on_time = {name: f"{1e3 * value:.3f} ms" for name, value in kpi["lateness_s"].items()}
@@ -241,10 +241,10 @@ def _look(watched: list[Watched], controller: int, t_s: float) -> None:
         one.look(t_s)
 
 
-def _logged(path: Path) -> tuple[int, int]:
-    """Frames received and sent, by the controller's own record."""
-    directions = [line.rsplit(" ", 1)[-1].strip() for line in path.open(encoding="ascii")]
-    return directions.count("R"), directions.count("T")
+def _logged(run: Path) -> tuple[int, int]:
+    """Frames received and sent, by the controller's own record: all are in can.log, those sent in sent.log, too."""
+    everything, sent = (sum(1 for _ in (run / name).open("rb")) for name in ("can.log", "sent.log"))
+    return everything - sent, sent
 
 
 def _said(console: Console, is_so: bool, what: str) -> bool:

@@ -33,7 +33,7 @@ def run_live(
         port = BusPort(address.open(bench.contract.ids))
         stack.callback(port.close)
         folder = RunFolder.create(options.out, run_plan(bench, is_live=True, seed=None))
-        timeline = timeline_settings(bench, config, options, with_truth=False)
+        timeline = timeline_settings(bench, config, options)
         recorder.open(folder, partial(open_record, folder, timeline, options.realtime is not None))
         record = stack.enter_context(RunRecord(recorder, port))
         loop = make_loop(

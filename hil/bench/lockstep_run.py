@@ -26,7 +26,7 @@ def simulate(bench: Bench, options: RunOptions, on_progress: Callable[[int], Non
     folder = RunFolder.create(options.out, run_plan(bench, is_live=False, seed=options.seed))
     with ExitStack() as stack:
         ours, theirs = (stack.enter_context(end) for end in pair())
-        timeline = timeline_settings(bench, config, options, with_truth=True)
+        timeline = timeline_settings(bench, config, options)
         port = BusPort(ours)
         record = stack.enter_context(RunRecord(open_record(folder, timeline), port))
         loop = make_loop(

@@ -21,7 +21,6 @@ class TimelineSettings:
 
     level_gain_V_cm: float
     duration_s: float
-    with_truth: bool
 
 
 class EventLines:
@@ -54,16 +53,17 @@ def open_record(folder: RunFolder, timeline: TimelineSettings | None, with_lines
     from hil.review.blueprint import blueprint
 
     manifest = folder.manifest()
-    facts = {"scenario": manifest.plan.scenario, "mode": manifest.plan.mode, "started": manifest.started_utc}
+    mode, is_live = manifest.plan.mode, manifest.plan.mode == "live"
+    facts = {"scenario": manifest.plan.scenario, "mode": mode, "started": manifest.started_utc}
     text = "\n".join(f"- **{name}**: {value}" for name, value in facts.items())
     card = RunCard(folder.path.name, facts, f"# {manifest.plan.scenario}\n\n{text}\n")
     log = RerunLog(
         folder.rrd_path,
         card,
         level_gain_V_cm=timeline.level_gain_V_cm,
-        with_truth=timeline.with_truth,
-        blueprint=blueprint(timeline.duration_s),
-        batch_ticks=250 if timeline.with_truth else 6000,
-        compact_at_close=not timeline.with_truth,
+        mode=mode,
+        blueprint=blueprint(mode, timeline.duration_s),
+        batch_ticks=6000 if is_live else 250,
+        compact_at_close=is_live,
     )
     return Recorder.open(folder, timeline=log, on_event=on_event)

@@ -38,11 +38,9 @@ def default_folder(name: str, now: datetime) -> Path:
     return Path("runs") / f"{now:%Y%m%d-%H%M%S}_{name}"
 
 
-def timeline_settings(
-    bench: Bench, config: ControllerConfig, options: RunOptions, *, with_truth: bool
-) -> TimelineSettings | None:
+def timeline_settings(bench: Bench, config: ControllerConfig, options: RunOptions) -> TimelineSettings | None:
     """What run.rrd needs, if it is wanted."""
-    return TimelineSettings(bench.rig.sensors.gain_V_cm, config.duration_s, with_truth) if options.rerun else None
+    return TimelineSettings(bench.rig.sensors.gain_V_cm, config.duration_s) if options.rerun else None
 
 
 class RunRecord:

@@ -155,4 +155,5 @@ def _record(loop: LoopState, mode: Mode, inputs: Inputs, command_V: Pair, events
         accepted=inputs.bus.accepted,
         rejected=inputs.bus.rejected,
         events=events,
+        monotonic_ns=loop.stepped_ns,
     )

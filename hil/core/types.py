@@ -274,7 +274,10 @@ class Diagnosis:
 
 @dataclass(frozen=True, slots=True)
 class TickRecord:
-    """One control step, as recorded. Time is that of the run: 0 at the first step in control."""
+    """One control step, as recorded. Time is that of the run: 0 at the first step in control.
+
+    monotonic_ns : the same moment on the clock that drives the loop.
+    """
 
     t_s: float
     mode: Mode
@@ -297,3 +300,4 @@ class TickRecord:
     accepted: int
     rejected: int
     events: tuple[Event, ...] = ()
+    monotonic_ns: int = 0

@@ -1,19 +1,55 @@
-"""The layout in which a recording opens in the Rerun viewer."""
+"""The layout in which a recording opens in the Rerun viewer. Its plots are those of the recorded signals."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import rerun as rr
 import rerun.blueprint as rrb
 
-from hil.edge.record.rerun_log import TIMELINE
+from hil.edge.record.rerun_log import TIMELINE, Series, series
+from hil.edge.record.run_folder import RunMode
 
 
-def blueprint(duration_s: float | None = None) -> rrb.Blueprint:
-    """Tabs: overview (opens first), control, bench, run card.
+@dataclass(frozen=True, slots=True)
+class Plot:
+    """A plot's title, the range of its values (None: chosen by the viewer), and the corner of its legend."""
 
-    duration_s : length of the run as planned; the plots then open on the whole of it. None: around the cursor.
+    title: str
+    range_: tuple[float, float] | None = None
+    corner: rrb.Corner2D = rrb.Corner2D.LeftTop
+
+
+PLOTS: dict[str, Plot] = {
+    **{f"levels/tank{tank}": Plot(f"Tank {tank} level [V]") for tank in (1, 2, 3, 4)},
+    **{f"pumps/pump{pump}": Plot(f"Pump {pump} voltage [V]") for pump in (1, 2)},
+    "pumps/effectiveness": Plot("Pump effectiveness [1]", (0.0, 1.1), rrb.Corner2D.LeftBottom),
+    "control/gain_pump1": Plot("Gains of pump 1 [V/cm, 1/s]"),
+    "control/gain_pump2": Plot("Gains of pump 2 [V/cm, 1/s]"),
+    "control/integral": Plot("Integrals [V s]"),
+    "control/iae": Plot("IAE so far [V s]"),
+    "bench/age": Plot("Age of frames [s]"),
+    "bench/lateness": Plot("Lateness [s]"),
+    "bench/accepted": Plot("Frames accepted"),
+    "bench/trouble": Plot("Rejected and skipped"),
+    "bench/latency": Plot("Newest frame to command [s]"),
+    "bench/recorder_queue": Plot("Entries waiting for the recorder"),
+    "bench/mode": Plot("Mode, as its number", (-0.5, 6.5)),
+}
+"""Entity -> plot, in the order in which they are shown. An entity that is not listed comes last, named by itself."""
+
+OVERVIEW = ("levels", "pumps")
+CONTROL = ("control",)
+
+
+def blueprint(mode: RunMode, duration_s: float | None = None) -> rrb.Blueprint:
+    """Tabs: overview (opens first), control, bench, run card. Entities of any other name than these are in bench.
+
+    mode : of the run, which decides the plots. duration_s : length of the run as planned; the plots then open on the
+    whole of it. None: around the cursor.
     """
-    layout = _Layout(duration_s)
+    layout = _Layout(series(mode), duration_s)
     card = rrb.TextDocumentView(origin="/card", name="Run card")
     return rrb.Blueprint(
         rrb.Tabs(layout.overview(), layout.control(), layout.bench(), card, active_tab=0),
@@ -27,7 +63,10 @@ def blueprint(duration_s: float | None = None) -> rrb.Blueprint:
 class _Layout:
     """Makes the views with one time axis."""
 
-    def __init__(self, duration_s: float | None) -> None:
+    def __init__(self, drawn: Sequence[Series], duration_s: float | None) -> None:
+        names = [one.entity for one in drawn]
+        self._entities = [entity for entity in PLOTS if entity in names]
+        self._entities += [entity for entity in names if entity not in PLOTS]
         self._axis = None
         if duration_s is not None:
             span = rr.TimeRange(
@@ -35,66 +74,57 @@ class _Layout:
             )
             self._axis = rrb.TimeAxis(view_range=span)
 
-    def plot(
-        self,
-        name: str,
-        *entities: str,
-        range_: tuple[float, float] | None = None,
-        corner: rrb.Corner2D = rrb.Corner2D.LeftTop,
-    ) -> rrb.TimeSeriesView:
-        """A plot of the given entities' series."""
-        return rrb.TimeSeriesView(
-            origin="/",
-            contents=[f"/{entity}" for entity in entities],
-            name=name,
-            axis_x=self._axis,
-            axis_y=None if range_ is None else rrb.ScalarAxis(range=range_),
-            plot_legend=rrb.PlotLegend(corner=corner),
-        )
-
     def overview(self) -> rrb.Vertical:
         """Levels, pump voltages, effectiveness, states and log on one sheet."""
-        levels = [self.plot(f"Tank {tank} level [V]", f"levels/tank{tank}") for tank in (1, 2, 3, 4)]
-        pumps = [self.plot(f"Pump {pump} voltage [V]", f"pumps/pump{pump}") for pump in (1, 2)]
-        effectiveness = self.plot(
-            "Pump effectiveness [1]", "pumps/effectiveness", range_=(0.0, 1.1), corner=rrb.Corner2D.LeftBottom
+        mine = [entity for entity in self._entities if _room(entity) in OVERVIEW]
+        first = (
+            ("levels/tank1", "levels/tank2"),
+            ("levels/tank3", "levels/tank4", "pumps/effectiveness"),
+            ("pumps/pump1", "pumps/pump2"),
         )
+        shown = {entity for row in first for entity in row}
+        more = _rows([entity for entity in mine if entity not in shown])
         states = rrb.StateTimelineView(
             origin="/states", contents=["/states/**"], name="Mode and faults", time_view=self._axis
         )
         log = rrb.TextLogView(origin="/log", name="Log")
         return rrb.Vertical(
-            rrb.Horizontal(levels[0], levels[1]),
-            rrb.Horizontal(levels[2], levels[3], effectiveness),
-            rrb.Horizontal(*pumps),
+            *(self._row(row) for row in (*first, *more)),
             rrb.Horizontal(states, log),
-            row_shares=[2.6, 2, 2.2, 2.5],
+            row_shares=[2.6, 2, 2.2, *(2.0 for _ in more), 2.5],
             name="Overview",
         )
 
     def control(self) -> rrb.Vertical:
         """What the control law works with."""
-        return rrb.Vertical(
-            rrb.Horizontal(
-                self.plot("Gains of pump 1 [V/cm, 1/s]", "control/gain_pump1"),
-                self.plot("Gains of pump 2 [V/cm, 1/s]", "control/gain_pump2"),
-            ),
-            rrb.Horizontal(
-                self.plot("Integrals [V s]", "control/integral"), self.plot("IAE so far [V s]", "control/iae")
-            ),
-            name="Control",
-        )
+        return self._sheet("Control", [entity for entity in self._entities if _room(entity) in CONTROL])
 
     def bench(self) -> rrb.Vertical:
-        """How the loop and the bus fare."""
-        return rrb.Vertical(
-            rrb.Horizontal(
-                self.plot("Age of what was heard [s]", "bench/age"), self.plot("Lateness [s]", "bench/lateness")
-            ),
-            rrb.Horizontal(
-                self.plot("Frames accepted", "bench/accepted"), self.plot("Rejected and skipped", "bench/trouble")
-            ),
-            self.plot("Mode, as its number", "bench/mode", range_=(-0.5, 6.5)),
-            row_shares=[2, 2, 1],
-            name="Bench",
+        """Timing of the loop, frames on the bus, and all that has no sheet of its own."""
+        return self._sheet("Bench", [e for e in self._entities if _room(e) not in (*OVERVIEW, *CONTROL)])
+
+    def _sheet(self, name: str, entities: Sequence[str]) -> rrb.Vertical:
+        return rrb.Vertical(*(self._row(row) for row in _rows(entities)), name=name)
+
+    def _row(self, entities: Sequence[str]) -> rrb.Horizontal:
+        return rrb.Horizontal(*(self._plot(entity) for entity in entities))
+
+    def _plot(self, entity: str) -> rrb.TimeSeriesView:
+        plot = PLOTS.get(entity, Plot(entity))
+        return rrb.TimeSeriesView(
+            origin="/",
+            contents=[f"/{entity}"],
+            name=plot.title,
+            axis_x=self._axis,
+            axis_y=None if plot.range_ is None else rrb.ScalarAxis(range=plot.range_),
+            plot_legend=rrb.PlotLegend(corner=plot.corner),
         )
+
+
+def _room(entity: str) -> str:
+    return entity.partition("/")[0]
+
+
+def _rows(entities: Sequence[str]) -> list[Sequence[str]]:
+    """Two plots a row."""
+    return [entities[at : at + 2] for at in range(0, len(entities), 2)]

@@ -140,9 +140,9 @@ def upper_tanks(trace: Trace, gain_V_cm: float) -> str:
     times_s = trace.ticks["t_s"]
     for tank, color, pale in ((3, BLUE, PALE), (4, ORANGE, "#f0d3c4")):
         axes.plot(*thin(times_s, trace.ticks[f"h{tank}_V"] / gain_V_cm), color=pale, lw=0.8)
-        truth = trace.ticks[f"true_h{tank}_cm"]
-        kind = "true" if trace.ticks.has_truth else "estimated"
-        known = truth if trace.ticks.has_truth else trace.ticks[f"h{tank}_est_V"] / gain_V_cm
+        has_truth = trace.ticks.has_truth
+        kind = "true" if has_truth else "estimated"
+        known = trace.ticks[f"true_h{tank}_cm"] if has_truth else trace.ticks[f"h{tank}_est_V"] / gain_V_cm
         axes.plot(*thin(times_s, known), color=color, label=f"tank {tank}, {kind}")
     axes.plot([], [], color=GREY, alpha=0.5, lw=0.8, label="measured (pale)")
     axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))

@@ -19,7 +19,11 @@ Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Ticks:
-    """The tick table as columns; each an (n,) array, read-only. Empty cells are NaN."""
+    """The tick table as columns; each an (n,) array, read-only.
+
+    A run records only the columns that it can have, and older records lack newer ones: `get` gives NaN for those. Empty
+    cells, which records of format 1 have, are NaN.
+    """
 
     columns: Mapping[str, Floats]
 
@@ -30,7 +34,7 @@ class Ticks:
         return self.columns[column]
 
     def get(self, column: str) -> Floats:
-        """A column, (n,); all NaN where the record is older than the column."""
+        """A column, (n,); all NaN where the record does not have it."""
         return self.columns.get(column, np.full(len(self), np.nan))
 
     def stack(self, *columns: str) -> Floats:
@@ -40,7 +44,8 @@ class Ticks:
     @property
     def has_truth(self) -> bool:
         """Whether the true levels are known at every step."""
-        return len(self) > 0 and bool(np.isfinite(self.stack(*(f"true_h{tank}_cm" for tank in (1, 2, 3, 4)))).all())
+        levels_cm = [self.get(f"true_h{tank}_cm") for tank in (1, 2, 3, 4)]
+        return len(self) > 0 and bool(np.isfinite(levels_cm).all())
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +86,7 @@ def parse_ticks(text: str, where: str) -> Ticks:
 
 
 def _numbers(body: str) -> Floats:
-    """The lines as an (n, m) array. Empty cells are filled in first, for numpy's quick reader knows none."""
+    """The lines as an (n, m) array. Empty cells are filled first: numpy's fast reader accepts none."""
     filled = body.replace(",,", ",nan,").replace(",,", ",nan,").replace(",\n", ",nan\n")
     return np.loadtxt(io.StringIO(filled), delimiter=",", ndmin=2)
 

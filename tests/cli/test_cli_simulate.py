@@ -28,7 +28,7 @@ name = "after_the_fault"
 from_s = 10.0
 to_s = 25.0
 """
-RECORD = ("can.log", "ticks.csv", "events.jsonl")
+RECORD = ("can.log", "sent.log", "ticks.csv", "events.jsonl")
 
 
 @pytest.fixture(scope="module")

@@ -180,14 +180,21 @@ def hil(*arguments):
 
 
 def sent_s(folder):
-    """Times of the commands in can.log, s; every line has to be one of candump's."""
-    times = []
-    for line in (folder / "can.log").read_text().split("\n")[:-1]:
-        stamp, channel, content, direction = line.split()
+    """Times of the commands in sent.log, s; every line there and in can.log has to be one of candump's."""
+    frames = _frames(folder / "can.log")
+    sent = _frames(folder / "sent.log")
+    assert {frame_id for _, frame_id in sent} <= {"201"}
+    assert set(sent) <= set(frames), "can.log has them all"
+    return [stamp_s for stamp_s, _ in sent]
+
+
+def _frames(log):
+    """Time in s and identifier of each line."""
+    frames = []
+    for line in log.read_text().split("\n")[:-1]:
+        stamp, channel, content = line.split()
         frame_id, _, payload = content.partition("#")
         assert channel == "can0"
         assert len(bytes.fromhex(payload)) <= 8
-        if direction == "T":
-            assert frame_id == "201"
-            times.append(float(stamp.strip("()")))
-    return times
+        frames.append((float(stamp.strip("()")), frame_id))
+    return frames

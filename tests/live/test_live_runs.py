@@ -14,7 +14,7 @@ from hil.review.ticks import read
 from tests.live.live_bench import CONFIG, PERIOD_S, PLAIN, controller, emulator, hil, sent_s, write_scenario
 
 pytestmark = pytest.mark.live
-FILES = {"run.json", "can.log", "ticks.csv", "events.jsonl", "run.rrd", "kpi.json", "report.html"}
+FILES = {"run.json", "can.log", "sent.log", "ticks.csv", "events.jsonl", "run.rrd", "kpi.json", "report.html"}
 
 
 @pytest.fixture(scope="module")

@@ -26,8 +26,8 @@ class FullDisk(io.StringIO):
 
 
 def open_on_a_full_disk(folder: RunFolder) -> Recorder:
-    frames, events = folder.can_log_path.open("w"), folder.events_path.open("w")
-    return Recorder(folder, ticks=FullDisk(room=3000), frames=frames, events=events)
+    frames, sent, events = (path.open("w") for path in (folder.can_log_path, folder.sent_log_path, folder.events_path))
+    return Recorder(folder, ticks=FullDisk(room=3000), frames=frames, sent=sent, events=events)
 
 
 class Stalling(Recorder):

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from hil.core.types import Event, Mode, Severity
-from hil.edge.record.record_format import COLUMNS, event_line, tick_row
+from hil.edge.record.record_format import event_line
 from hil.edge.record.recorder import Recorder
-from hil.edge.record.run_folder import RunFolder
+from hil.edge.record.run_folder import RunFolder, RunMode
+from hil.edge.record.signals import SIGNALS, Step, recorded
 from hil.review.ticks import read_events, read_ticks
 from tests.review import toy
 from tests.review.recorder_bench import open_on_a_full_disk
@@ -36,7 +37,7 @@ def folder(tmp_path: Path) -> RunFolder:
 def test_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
     first, second = (toy.record_run(tmp_path / name, until_s=230.0) for name in ("a", "b"))
     other = toy.record_run(tmp_path / "c", until_s=230.0, seed=2)
-    for name in ("can.log", "ticks.csv", "events.jsonl"):
+    for name in ("can.log", "sent.log", "ticks.csv", "events.jsonl"):
         assert (first.path / name).read_bytes() == (second.path / name).read_bytes()
     assert first.ticks_path.read_bytes() != other.ticks_path.read_bytes()
 
@@ -51,11 +52,14 @@ def test_can_log_reads_back_as_it_was_sent(folder: RunFolder) -> None:
     with can.LogReader(folder.can_log_path) as reader:
         read = list(reader)
     assert len(read) == len(sent) + 1
-    for message, (timestamp_s, frame_id, data, is_rx) in zip(read[:-1], sent, strict=True):
+    for message, (timestamp_s, frame_id, data, _) in zip(read[:-1], sent, strict=True):
         assert message.timestamp == pytest.approx(timestamp_s, abs=1e-6)
-        assert (message.arbitration_id, bytes(message.data), message.is_rx) == (frame_id, data, is_rx)
+        assert (message.arbitration_id, bytes(message.data)) == (frame_id, data)
         assert (message.is_extended_id, message.channel) == (False, "vcan0")
     assert (read[-1].arbitration_id, read[-1].dlc) == (0x7FF, 0)
+    with can.CanutilsLogReader(folder.sent_log_path) as reader:
+        ours = [(message.timestamp, message.arbitration_id, bytes(message.data)) for message in reader]
+    assert ours == [(pytest.approx(t_s, abs=1e-6), frame_id, data) for t_s, frame_id, data, is_rx in sent if not is_rx]
 
 
 @pytest.mark.parametrize(
@@ -65,9 +69,8 @@ def test_can_log_reads_back_as_it_was_sent(folder: RunFolder) -> None:
         can.Message(arbitration_id=0x12, is_extended_id=True, data=b"\x01"),
         can.Message(arbitration_id=0x123, is_extended_id=False, is_remote_frame=True, dlc=4),
         can.Message(is_error_frame=True),
-        can.Message(arbitration_id=0x123, is_extended_id=False, data=bytes(8), is_rx=False),
     ],
-    ids=["extended", "extended, small id", "remote", "error", "sent"],
+    ids=["extended", "extended, small id", "remote", "error"],
 )
 def test_odd_frames_read_back_as_they_came(folder: RunFolder, message: can.Message) -> None:
     recorder = Recorder.open(folder)
@@ -78,7 +81,7 @@ def test_odd_frames_read_back_as_they_came(folder: RunFolder, message: can.Messa
     assert read.timestamp == 1.25
     assert read.is_error_frame == message.is_error_frame
     if not message.is_error_frame:
-        assert read.equals(message, timestamp_delta=None, check_channel=False, check_direction=True)
+        assert read.equals(message, timestamp_delta=None, check_channel=False, check_direction=False)
 
 
 def test_ticks_read_back_to_the_digits_kept(whole_run: RunFolder) -> None:
@@ -87,33 +90,47 @@ def test_ticks_read_back_to_the_digits_kept(whole_run: RunFolder) -> None:
     assert len(ticks) == len(steps)
     for index in (0, 2010, 4999):
         record, truth = steps[index]
-        expected = tick_row(record, truth)
-        read = [ticks[column][index] for column in COLUMNS]
+        signals = recorded("lockstep")
+        expected = [signal.source(Step(record, truth)) for signal in signals]
+        read = [ticks[signal.column][index] for signal in signals]
         np.testing.assert_allclose(read, expected, rtol=1e-5)
         np.testing.assert_allclose(read[2:10], expected[2:10], rtol=2e-9)
     assert ticks.has_truth
 
 
-def test_true_levels_are_empty_where_they_are_not_known(folder: RunFolder) -> None:
-    recorder = Recorder.open(folder)
-    for record, _ in toy.steps(until_s=1.0):
-        recorder.tick(record)
-    recorder.close("complete", "")
-    assert ",,,,,nan,0" in folder.ticks_path.read_text().splitlines()[1]
+@pytest.mark.parametrize(
+    ("mode", "missing"),
+    [("lockstep", {"latency_s", "recorder_queue"}), ("live", {f"true_h{tank}_cm" for tank in (1, 2, 3, 4)})],
+)
+def test_columns_that_a_run_cannot_have_are_left_out(tmp_path: Path, mode: RunMode, missing: set[str]) -> None:
+    """They used to be there, empty, and readers made text of them."""
+    folder = toy.record_run(tmp_path / "run", live=mode == "live", until_s=1.0)
+    header = folder.ticks_path.read_text().splitlines()[0].split(",")
+    assert {signal.column for signal in SIGNALS} - set(header) == missing
     ticks = read_ticks(folder.ticks_path)
-    assert not ticks.has_truth
-    assert np.isnan(ticks["true_h1_cm"]).all()
+    assert ticks.has_truth == (mode == "lockstep")
+    assert all(np.isnan(ticks.get(column)).all() for column in missing)
 
 
-def test_how_a_loop_kept_time_is_empty_in_lockstep(folder: RunFolder) -> None:
+@pytest.mark.parametrize("mode", ["lockstep", "live"])
+def test_every_number_column_is_one_type_from_its_first_line_on(tmp_path: Path, mode: RunMode) -> None:
+    """A column that began with `3` and went on with `3.15988` was an integer to polars, which then failed.
+
+    A float has a point, or is NaN; a counter never has. Steps without a value are NaN, not empty.
+    """
+    folder = RunFolder.create(tmp_path / "run", toy.plan(mode=mode))
     recorder = Recorder.open(folder)
     for record, truth in toy.steps(until_s=1.0):
-        recorder.frame(record.t_s, 0x182, b"")
-        recorder.frame(record.t_s, 0x201, b"", False)
-        recorder.tick(record, truth)
+        whole = replace(record, applied_V=(3.0, 0.0), measured_V=(float("nan"), 1e-7, 1e6, -0.0), t_s=round(record.t_s))
+        recorder.tick(whole, None if mode == "live" else truth)
     recorder.close("complete", "")
-    assert folder.ticks_path.read_text().splitlines()[1].endswith(",,")
-    assert np.isnan(read_ticks(folder.ticks_path)["latency_s"]).all()
+    signals = {signal.column: signal for signal in recorded(mode)}
+    header, *lines = folder.ticks_path.read_text().splitlines()
+    for line in lines:
+        for column, cell in zip(header.split(","), line.split(","), strict=True):
+            is_float = "." in cell or cell == "NaN"
+            assert is_float == (signals[column].digits is not None), (column, cell)
+    assert read_ticks(folder.ticks_path)["h3_V"][0] == 1e6
 
 
 def test_odd_numbers_before_the_first_measurement_are_recorded(folder: RunFolder) -> None:
@@ -138,7 +155,7 @@ def test_a_line_cut_off_at_the_end_is_left_out(tmp_path: Path, whole_run: RunFol
 
 def test_a_table_without_a_line_is_empty(tmp_path: Path) -> None:
     path = tmp_path / "ticks.csv"
-    path.write_text(",".join(COLUMNS) + "\n0.1,2")
+    path.write_text("t_s,mode,h1_V\n0.1,2")
     assert len(read_ticks(path)) == 0
 
 
@@ -189,7 +206,7 @@ def test_a_broken_timeline_is_given_up_and_the_files_go_on(folder: RunFolder) ->
         recorder.tick(record)
     recorder.close("complete", "")
     assert recorder.health().errors == (
-        f"the timeline is lost from here on: viewer library is broken, {len(COLUMNS)} values lost",
+        f"the timeline is lost from here on: viewer library is broken, {len(recorded('lockstep'))} values lost",
     )
     assert len(read_ticks(folder.ticks_path)) == 10
 

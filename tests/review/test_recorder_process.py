@@ -23,7 +23,7 @@ from hil.review.ticks import read_events, read_ticks
 from tests.review import recorder_bench as misbehaving
 from tests.review import toy
 
-TEXT_FILES = ("can.log", "ticks.csv", "events.jsonl")
+TEXT_FILES = ("can.log", "sent.log", "ticks.csv", "events.jsonl")
 MS_100 = 0.1
 
 
@@ -194,7 +194,7 @@ from hil.edge.record.recorder_process import ProcessRecorder
 from hil.edge.record.run_folder import RunFolder
 folder = RunFolder.create(Path(sys.argv[1]), toy.plan(mode="live"))
 recorder = ProcessRecorder()
-recorder.open(folder, partial(open_record, folder, TimelineSettings(0.5, 30.0, False)))
+recorder.open(folder, partial(open_record, folder, TimelineSettings(0.5, 30.0)))
 for index, (record, truth) in enumerate(toy.steps(until_s=30.0)):
     for frame in toy.frames(record.t_s, index):
         recorder.frame(*frame)
@@ -233,7 +233,7 @@ def test_a_killed_controller_loses_nothing_that_it_had_handed_over(tmp_path: Pat
 
 def test_the_timeline_is_written_there_too(folder: RunFolder) -> None:
     with ProcessRecorder() as recorder:
-        recorder.open(folder, partial(open_record, folder, TimelineSettings(0.5, 5.0, False)))
+        recorder.open(folder, partial(open_record, folder, TimelineSettings(0.5, 5.0)))
         play(recorder, 5.0)
         recorder.close("complete", "")
     assert folder.rrd_path.stat().st_size > 10_000

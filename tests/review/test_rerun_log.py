@@ -7,10 +7,10 @@ import pytest
 from rerun.chunk import RrdReader
 
 from hil.core.types import Event, Mode, Severity
-from hil.edge.record.record_format import COLUMNS
 from hil.edge.record.recorder import Recorder
 from hil.edge.record.rerun_log import TIMELINE, RerunLog, RunCard, compact, series
-from hil.edge.record.run_folder import RunFolder
+from hil.edge.record.run_folder import RunFolder, RunMode
+from hil.edge.record.signals import recorded
 from hil.review.blueprint import blueprint
 from tests.review import toy
 
@@ -27,18 +27,18 @@ def states(path: Path, entity: str) -> list[object]:
     return [row["StateChange:state"] for row in rows(path, entity)]
 
 
-def test_every_column_named_by_a_series_exists() -> None:
-    for with_truth in (False, True):
-        for one in series(with_truth):
-            assert set(one.columns) <= set(COLUMNS)
-            assert len(one.columns) == len(one.names) == len(one.colors) == len(one.widths)
-            assert with_truth or not any(column.startswith("true") for column in one.columns)
+@pytest.mark.parametrize("mode", ["lockstep", "live"])
+def test_every_signal_with_a_curve_is_drawn_once_from_its_own_place(mode: RunMode) -> None:
+    columns = [signal.column for signal in recorded(mode)]
+    drawn = [pair for one in series(mode) for pair in zip(one.signals, one.places, strict=True)]
+    assert all(columns[place] == signal.column for signal, place in drawn)
+    assert sorted(signal.column for signal, _ in drawn) == sorted(s.column for s in recorded(mode) if s.curve)
 
 
 def test_recording_has_the_expected_entities_and_the_blueprint(whole_run: RunFolder) -> None:
     reader = RrdReader(whole_run.rrd_path)
     entities = {chunk.entity_path for chunk in reader.stream().to_chunks()}
-    assert {f"/{one.entity}" for one in series(True)} <= entities
+    assert {f"/{one.entity}" for one in series("lockstep")} <= entities
     assert {
         "/states/mode",
         "/states/pump1",
@@ -79,7 +79,7 @@ def test_states_follow_mode_pumps_and_alarms(whole_run: RunFolder) -> None:
 
 def test_a_trip_is_a_state_until_the_mode_is_left(tmp_path: Path) -> None:
     folder = RunFolder.create(tmp_path / "run", toy.plan())
-    log = RerunLog(folder.rrd_path, RunCard("t", {}, ""), level_gain_V_cm=0.5, with_truth=False, batch_ticks=3)
+    log = RerunLog(folder.rrd_path, RunCard("t", {}, ""), level_gain_V_cm=0.5, mode="lockstep", batch_ticks=3)
     recorder = Recorder.open(folder, timeline=log)
     record = next(toy.steps())[0]
     trip = Event(Severity.ERROR, "trip", "too high", {"cause": "high_level"})
@@ -98,8 +98,8 @@ def test_compacting_keeps_every_step_and_the_blueprint(tmp_path: Path) -> None:
         folder.rrd_path,
         RunCard("small", {}, ""),
         level_gain_V_cm=0.5,
-        with_truth=True,
-        blueprint=blueprint(),
+        mode="lockstep",
+        blueprint=blueprint("lockstep"),
         batch_ticks=2,
     )
     recorder = Recorder.open(folder, timeline=log)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from random import Random
 
 from hil.core.types import Alarm, Event, Mode, Pair, Quad, Severity, TickRecord
 from hil.edge.record.recorder import Recorder
 from hil.edge.record.rerun_log import RerunLog, RunCard
-from hil.edge.record.run_folder import RunFolder, RunPlan, Window
+from hil.edge.record.run_folder import RunFolder, RunMode, RunPlan, Window
 from hil.review.blueprint import blueprint
 
 GAIN_V_CM = 0.5
@@ -111,6 +111,11 @@ def steps(
         yield record, tuple(v / GAIN_V_CM for v in truth)  # type: ignore[misc]
 
 
+def at(record: TickRecord, monotonic_ns: int) -> TickRecord:
+    """The same step at another time of the monotonic clock."""
+    return replace(record, monotonic_ns=monotonic_ns)
+
+
 def events_at(t_s: float, index: int, reconfigure: bool) -> Iterator[Event]:
     if index == 0:
         yield Event(Severity.INFO, "running", "control on <now> & steady")
@@ -131,12 +136,13 @@ def frames(t_s: float, index: int) -> Iterator[tuple[float, int, bytes, bool]]:
 def record_run(path: Path, *, with_rerun: bool = False, live: bool = False, **options: object) -> RunFolder:
     """A whole toy run in a new folder."""
     reconfigure = bool(options.get("reconfigure", True))
-    folder = RunFolder.create(path, plan(reconfigure=reconfigure, mode="live" if live else "lockstep"))
+    mode: RunMode = "live" if live else "lockstep"
+    folder = RunFolder.create(path, plan(reconfigure=reconfigure, mode=mode))
     timeline = None
     if with_rerun:
         card = RunCard(path.name, {"scenario": "toy", "seed": "1"}, "# Toy run\n\nseed 1")
         timeline = RerunLog(
-            folder.rrd_path, card, level_gain_V_cm=GAIN_V_CM, with_truth=not live, blueprint=blueprint(500.0)
+            folder.rrd_path, card, level_gain_V_cm=GAIN_V_CM, mode=mode, blueprint=blueprint(mode, 500.0)
         )
     recorder = Recorder.open(folder, timeline=timeline)
     for index, (record, truth) in enumerate(steps(**options)):  # type: ignore[arg-type]

@@ -15,15 +15,9 @@ from math import nan
 from typing import TYPE_CHECKING, Protocol, TextIO
 
 from hil.core.types import Event, Quad, Severity, TickRecord
-from hil.edge.record.record_format import (
-    COLUMNS,
-    Row,
-    event_line,
-    frame_line,
-    tick_line,
-    tick_row,
-)
+from hil.edge.record.record_format import Row, TickFormat, event_line, frame_line
 from hil.edge.record.run_folder import RunFolder, RunFolderError, Status
+from hil.edge.record.signals import UNKNOWN_LEVELS, Step, recorded
 
 if TYPE_CHECKING:  # it takes longer to import than all the rest of the recorder's process
     import can
@@ -33,7 +27,7 @@ class Timeline(Protocol):
     """A further record of the run beside the files, such as Rerun's. It may raise; the recorder then gives it up."""
 
     def tick(self, row: Row) -> None:
-        """Take one step; `row` in the order of COLUMNS, NaN for true levels that are not known."""
+        """Take one step; `row` in the order of the signals that this mode of run records."""
 
     def event(self, t_s: float, event: Event) -> None:
         """Take one event."""
@@ -105,12 +99,18 @@ class Recorder:
         *,
         ticks: TextIO,
         frames: TextIO,
+        sent: TextIO,
         events: TextIO,
         channel: str = "can0",
         timeline: Timeline | None = None,
         on_event: Callable[[Event], None] | None = None,
     ) -> None:
-        """on_event : is told of every event, must not block."""
+        """ticks, frames, sent, events : the open files. on_event : called with every event, must not block."""
+        manifest = folder.manifest()
+        self._format = TickFormat(recorded(manifest.plan.mode))
+        self._is_live = manifest.plan.mode == "live"
+        self._epoch_s = manifest.clock.monotonic_zero_epoch_s or 0.0
+        self._has_run_zero = False
         self._on_event = on_event
         self._folder = folder
         self._channel = channel
@@ -121,8 +121,9 @@ class Recorder:
         self._is_closed = False
         self._ticks = _Sink(folder.ticks_path.name, ticks, self.note_failure)
         self._frames = _Sink(folder.can_log_path.name, frames, self.note_failure)
+        self._sent = _Sink(folder.sent_log_path.name, sent, self.note_failure)
         self._events = _Sink(folder.events_path.name, events, self.note_failure)
-        self._ticks.write(",".join(COLUMNS) + "\n")
+        self._ticks.write(self._format.header)
         self._ticks.flush()  # a table from the first moment on, even if this process dies in the next
 
     @classmethod
@@ -135,44 +136,52 @@ class Recorder:
         on_event: Callable[[Event], None] | None = None,
     ) -> Recorder:
         """A recorder into the folder's files. channel : the bus's name in can.log. Raises RunFolderError."""
-        paths = (folder.ticks_path, folder.can_log_path, folder.events_path)
+        paths = (folder.ticks_path, folder.can_log_path, folder.sent_log_path, folder.events_path)
         try:
-            ticks, frames, events = (path.open("x", encoding="utf-8", newline="\n") for path in paths)
+            ticks, frames, sent, events = (path.open("x", encoding="utf-8", newline="\n") for path in paths)
         except OSError as error:
             raise RunFolderError(f"cannot open the record in {folder.path}: {error.strerror}") from error
         return cls(
-            folder, ticks=ticks, frames=frames, events=events, channel=channel, timeline=timeline, on_event=on_event
+            folder,
+            ticks=ticks,
+            frames=frames,
+            sent=sent,
+            events=events,
+            channel=channel,
+            timeline=timeline,
+            on_event=on_event,
         )
 
     def tick(self, record: TickRecord, true_level_cm: Quad | None = None, queue: int = 0) -> None:
         """Write one step and its events.
 
-        true_level_cm : the emulator's levels, known in lockstep; a step without them is one of a live run.
-        queue : entries that waited for the recorder.
+        true_level_cm : the emulator's levels, known in lockstep. queue : entries that waited for the recorder.
         """
         self._t_s = record.t_s
-        is_live = true_level_cm is None
-        row = tick_row(record, None, self._latency_s, queue) if is_live else tick_row(record, true_level_cm)
+        if not self._has_run_zero:
+            self._note_run_zero(record)
+        levels_cm = UNKNOWN_LEVELS if true_level_cm is None else true_level_cm
+        row = self._format.row(Step(record, levels_cm, self._latency_s, queue))
         self._latency_s = nan
-        self._ticks.write(tick_line(row, is_live))
+        self._ticks.write(self._format.line(row))
         if self._timeline is not None:
             self._try_timeline(self._timeline.tick, row)
         for event in record.events:
             self.event(record.t_s, event)
 
     def frame(self, timestamp_s: float, arbitration_id: int, data: bytes | bytearray, is_rx: bool = True) -> None:
-        """Write one ordinary frame (11-bit id, data); the quick way."""
+        """Write one ordinary frame (11-bit id, data); the quick way. timestamp_s : on the monotonic clock."""
+        line = f"({timestamp_s + self._epoch_s:.6f}) {self._channel} {arbitration_id:03X}#{data.hex().upper()}\n"
+        self._frames.write(line)
         if is_rx:
             self._received_s = timestamp_s
         else:
             self._latency_s = timestamp_s - self._received_s
-        self._frames.write(
-            f"({timestamp_s:.6f}) {self._channel} {arbitration_id:03X}#{data.hex().upper()} {'R' if is_rx else 'T'}\n"
-        )
+            self._sent.write(line)
 
     def message(self, timestamp_s: float, message: can.Message) -> None:
-        """Write any python-can message, the odd kinds too, at the given time."""
-        self._frames.write(frame_line(timestamp_s, self._channel, message))
+        """Write any python-can message. timestamp_s : on the monotonic clock."""
+        self._frames.write(frame_line(timestamp_s + self._epoch_s, self._channel, message))
 
     def event(self, t_s: float, event: Event) -> None:
         """Write one event and bring it to the disk."""
@@ -187,6 +196,7 @@ class Recorder:
         """Bring ticks and frames to the operating system."""
         self._ticks.flush()
         self._frames.flush()
+        self._sent.flush()
 
     def flush(self) -> None:
         """Bring everything there, the timeline too."""
@@ -214,8 +224,16 @@ class Recorder:
         self._is_closed = True
         if self._timeline is not None:
             self._try_timeline(self._timeline.close)
-        for sink in (self._ticks, self._frames, self._events):
+        for sink in (self._ticks, self._frames, self._sent, self._events):
             sink.close()
+
+    def _note_run_zero(self, record: TickRecord) -> None:
+        """At the first step: from here on times of frames and times of steps can be set against each other."""
+        self._has_run_zero = True
+        try:
+            self._folder.note_run_zero(record.monotonic_ns * 1e-9 - record.t_s)
+        except (OSError, RunFolderError) as error:
+            self.note_failure(f"{self._folder.manifest_path.name} has no time of the run's start: {error}")
 
     def _try_timeline(self, call: Callable[..., None], *arguments: object) -> None:
         try:

@@ -13,6 +13,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -21,19 +22,17 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from hil.core.types import Event, Mode
-from hil.edge.record.record_format import COLUMNS, Row
+from hil.edge.record.record_format import Row
+from hil.edge.record.run_folder import RunMode
+from hil.edge.record.signals import Signal, recorded
 
 TIMELINE = "run_time"
 _NONE = "none"
-_MODE, _THETA1, _THETA2 = (COLUMNS.index(column) for column in ("mode", "theta1", "theta2"))
 FLUSH_TIMEOUT_S = 2.0
 HEALTHY_FROM, DEAD_BELOW = 0.995, 0.05  # effectiveness
 
-# One look for the whole record, for the viewer's dark ground: the measured is dim, the believed or done is bright, the
-# asked for is white or grey.
-WHITE, GREY, DIM = 0xF2F5F7FF, 0x8A97A6FF, 0x48698AFF
-BLUE, ORANGE, GREEN, PURPLE, AMBER = 0x58A6E8FF, 0xF08A4BFF, 0x5FC27EFF, 0xB08CDEFF, 0xE3B341FF
-CALM, WARM, ALERT = 0x2F6B46FF, 0x8A6D1FFF, 0x97302AFF  # grounds of the states, under white text
+# Backgrounds of the states, under white text.
+CALM, WARM, ALERT, DIM = 0x2F6B46FF, 0x8A6D1FFF, 0x97302AFF, 0x48698AFF
 QUIET, LEAVING, BY_HAND = 0x3A424BFF, 0x5D4A80FF, 0x2F7F86FF
 
 Floats = npt.NDArray[np.float64]
@@ -41,13 +40,11 @@ Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """Columns of the tick table drawn together: entity path, columns, names with units, colours, widths in points."""
+    """The signals drawn together in one entity, in the order in which they are drawn, and their places in a row."""
 
     entity: str
-    columns: tuple[str, ...]
-    names: tuple[str, ...]
-    colors: tuple[int, ...]
-    widths: tuple[float, ...]
+    signals: tuple[Signal, ...]
+    places: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,69 +56,22 @@ class RunCard:
     markdown: str
 
 
-def series(with_truth: bool) -> tuple[Series, ...]:
-    """All series of a recording. with_truth : whether the emulator's levels are known."""
-    listed = [_level(tank, with_truth) for tank in (1, 2, 3, 4)]
-    for pump in (1, 2):
-        columns = tuple(f"v{pump}_{kind}V" for kind in ("operating_", "raw_", "applied_", ""))
-        names = tuple(f"pump {pump} {kind} [V]" for kind in ("operating point", "raw", "applied", "command"))
-        listed.append(
-            Series(
-                f"pumps/pump{pump}",
-                columns,
-                names,
-                (GREY, AMBER, GREEN, BLUE if pump == 1 else ORANGE),
-                (1, 1, 2, 1.5),
-            )
-        )
-        gains = tuple(f"K{pump}{column}" for column in range(1, 7))
-        units = ("V/cm",) * 4 + ("1/s",) * 2
-        labels = tuple(f"{gain} [{unit}]" for gain, unit in zip(gains, units, strict=True))
-        listed.append(
-            Series(
-                f"control/gain_pump{pump}",
-                gains,
-                labels,
-                (BLUE, ORANGE, GREEN, PURPLE, WHITE, GREY),
-                (1.5,) * 6,
-            )
-        )
-    pairs = (
-        (
-            "pumps/effectiveness",
-            ("theta1", "theta2"),
-            ("pump 1 effectiveness [1]", "pump 2 effectiveness [1]"),
-        ),
-        ("control/integral", ("q1_Vs", "q2_Vs"), ("integral 1 [V s]", "integral 2 [V s]")),
-        ("control/iae", ("iae1_Vs", "iae2_Vs"), ("IAE so far, output 1 [V s]", "IAE so far, output 2 [V s]")),
-        ("bench/age", ("levels_age_s", "status_age_s"), ("age of levels [s]", "age of pump status [s]")),
-        ("bench/trouble", ("rejected", "skipped"), ("frames rejected", "periods skipped")),
+def series(mode: RunMode) -> tuple[Series, ...]:
+    """All series of a recording of such a run."""
+    drawn = [(signal.curve, signal, place) for place, signal in enumerate(recorded(mode)) if signal.curve]
+    drawn.sort(key=lambda one: (one[0].entity, one[0].layer))  # stable: the table's order within a layer
+    groups = [(entity, list(group)) for entity, group in groupby(drawn, key=lambda one: one[0].entity)]
+    return tuple(
+        Series(entity, tuple(signal for _, signal, _ in group), tuple(place for _, _, place in group))
+        for entity, group in groups
     )
-    listed += [Series(entity, columns, names, (BLUE, ORANGE), (1.5, 1.5)) for entity, columns, names in pairs]
-    listed.append(Series("bench/lateness", ("lateness_s",), ("lateness [s]",), (BLUE,), (1.5,)))
-    if not with_truth:
-        listed.append(Series("bench/latency", ("latency_s",), ("newest frame to command [s]",), (BLUE,), (1.5,)))
-        listed.append(Series("bench/recorder_queue", ("recorder_queue",), ("entries waiting",), (BLUE,), (1.5,)))
-    listed.append(Series("bench/accepted", ("accepted",), ("frames accepted",), (BLUE,), (1.5,)))
-    listed.append(Series("bench/mode", ("mode",), ("mode, as its number",), (WHITE,), (1.5,)))
-    return tuple(listed)
-
-
-def _level(tank: int, with_truth: bool) -> Series:
-    parts = [(f"h{tank}_V", "measured", DIM, 1.0)]
-    if with_truth:
-        parts.append((f"true_h{tank}_cm", "true", GREEN, 1.5))
-    parts.append((f"h{tank}_est_V", "estimate", BLUE, 1.5))
-    if tank <= 2:
-        parts += [(f"r{tank}_V", "asked for", GREY, 1.5), (f"target{tank}_V", "in force", WHITE, 1.5)]
-    columns, kinds, colors, widths = zip(*parts, strict=True)
-    return Series(f"levels/tank{tank}", columns, tuple(f"h{tank} {kind} [V]" for kind in kinds), colors, widths)
 
 
 class RerunLog:
     """A `Timeline` for the recorder. Building it writes the static parts: half a second, before the loop.
 
-    batch_ticks : steps gathered before they are sent by themselves; `flush` sends what there is.
+    mode : of the run, which decides the signals. batch_ticks : steps gathered before they are sent by themselves;
+    `flush` sends what there is.
     """
 
     def __init__(
@@ -130,17 +80,18 @@ class RerunLog:
         card: RunCard,
         *,
         level_gain_V_cm: float,
-        with_truth: bool,
+        mode: RunMode,
         blueprint: rrb.Blueprint | None = None,
         batch_ticks: int = 250,
         compact_at_close: bool = False,
     ) -> None:
         self._path, self._compact_at_close = path, compact_at_close
-        self._to_V = np.array([level_gain_V_cm if column.startswith("true_h") else 1.0 for column in COLUMNS])
-        self._series = tuple(
-            (one.entity, [COLUMNS.index(column) for column in one.columns]) for one in series(with_truth)
-        )
-        self._table = np.empty((batch_ticks, len(COLUMNS)))
+        signals = recorded(mode)
+        self._to_V = np.array([level_gain_V_cm if signal.is_in_cm else 1.0 for signal in signals])
+        columns = [signal.column for signal in signals]
+        self._mode, self._theta1, self._theta2 = (columns.index(name) for name in ("mode", "theta1", "theta2"))
+        self._series = series(mode)
+        self._table = np.empty((batch_ticks, len(signals)))
         self._filled = 0
         self._events: list[tuple[float, Event]] = []
         self._states: dict[str, list[tuple[float, str]]] = {}
@@ -148,11 +99,11 @@ class RerunLog:
         self._state_key: tuple[float, float, float] | None = None
         self._recording = rr.RecordingStream("fourtank-hil", recording_id=card.recording_id)
         self._recording.save(path, default_blueprint=blueprint)
-        self._log_static(card, with_truth)
+        self._log_static(card)
 
     def tick(self, row: Row) -> None:
         """Take one step; see `hil.edge.record.recorder.Timeline`."""
-        key = (row[_MODE], row[_THETA1], row[_THETA2])
+        key = (row[self._mode], row[self._theta1], row[self._theta2])
         if key != self._state_key:
             self._note_states(row[0], key)
         self._table[self._filled] = row
@@ -197,13 +148,14 @@ class RerunLog:
         if self._compact_at_close:
             compact(self._path)
 
-    def _log_static(self, card: RunCard, with_truth: bool) -> None:
-        for one in series(with_truth):
+    def _log_static(self, card: RunCard) -> None:
+        for one in self._series:
             zoomed_out = "Max" if one.entity.startswith("bench/") else "Average"  # the viewer shows rare peaks, too
+            curves = [signal.curve for signal in one.signals if signal.curve]
             look = rr.SeriesLines(
-                names=one.names,
-                colors=np.array(one.colors, dtype=np.uint32),
-                widths=one.widths,
+                names=[signal.curve_name for signal in one.signals],
+                colors=np.array([curve.color for curve in curves], dtype=np.uint32),
+                widths=[curve.width for curve in curves],
                 aggregation_policy=rr.components.AggregationPolicy.auto(zoomed_out),
             )
             self._recording.log(one.entity, look, static=True)
@@ -218,9 +170,10 @@ class RerunLog:
         if self._filled:
             table, self._filled = self._table[: self._filled], 0
             times = _times(table[:, 0])
-            for entity, columns in self._series:
-                values = table[:, columns] * self._to_V[columns]
-                self._recording.send_columns(entity, [times], rr.Scalars.columns(scalars=values))
+            for one in self._series:
+                places = list(one.places)
+                values = table[:, places] * self._to_V[places]
+                self._recording.send_columns(one.entity, [times], rr.Scalars.columns(scalars=values))
         for entity, changes in self._states.items():
             self._send_changes(entity, changes)
         self._states.clear()

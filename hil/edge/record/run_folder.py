@@ -4,9 +4,10 @@ A folder is written once. `create` refuses a path that exists, so that no run ev
 there from the first moment with status "running" and is replaced as a whole at the end; a run that was killed therefore
 keeps "running", which readers take for "interrupted". All other files are appended to while the run goes on:
 
-    run.json      what was run, with copies of its configuration     can.log    every frame, in candump's format
-    ticks.csv     one line for each control step                     run.rrd    the same for the Rerun viewer
-    events.jsonl  one line for each event                            kpi.json, report.html   made afterwards
+    run.json      what was run, with copies of its configuration     can.log   every frame, as `candump -L` writes them
+    ticks.csv     one line for each control step                     sent.log  those that the controller sent
+    events.jsonl  one line for each event                            run.rrd   the same for the Rerun viewer
+    kpi.json, report.html   made afterwards
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from __future__ import annotations
 import json
 import os
 import platform
+import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
@@ -27,7 +29,9 @@ from hil.version import __version__
 Status = Literal["running", "complete", "stopped", "tripped", "failed"]
 RunMode = Literal["lockstep", "live"]
 
-FORMAT = 1
+FORMAT = 2
+"""Of run.json and the files beside it. 1: ticks.csv with empty cells, can.log in monotonic times with R or T."""
+FORMATS_READ = (1, 2)
 LIBRARIES = ("numpy", "python-can", "rerun-sdk")
 
 
@@ -71,8 +75,31 @@ class RunPlan:
 
 
 @dataclass(frozen=True, slots=True)
+class Clock:
+    """How the times of a record belong together. All of them run alike; each has its own zero.
+
+    monotonic_zero_epoch_s, run_zero_epoch_s : time since the epoch at which the monotonic clock, or the run time `t_s`,
+    was 0. None: not known (format 1), or not yet (no step in control). In lockstep the monotonic clock is the simulated
+    one, which starts at the epoch itself, so that the same seed gives the same bytes.
+    """
+
+    monotonic_zero_epoch_s: float | None = None
+    run_zero_epoch_s: float | None = None
+
+    @classmethod
+    def of(cls, mode: RunMode) -> Clock:
+        """The clock of a run that is about to start. Taken once: a wall clock that is set later changes no record."""
+        is_live = mode == "live"
+        return cls(round((time.time_ns() - time.monotonic_ns()) * 1e-9, 6) if is_live else 0.0)
+
+    def with_run_zero(self, monotonic_s: float) -> Clock:
+        """The clock with the run's time zero, given as monotonic time."""
+        return replace(self, run_zero_epoch_s=round((self.monotonic_zero_epoch_s or 0.0) + monotonic_s, 6))
+
+
+@dataclass(frozen=True, slots=True)
 class Manifest:
-    """The content of `run.json`. Times are ISO 8601 in UTC; `recorder` has the recorder's own troubles, if any."""
+    """The content of `run.json`. Times are ISO 8601 in UTC; `recorder` has the recorder's own failures, if any."""
 
     plan: RunPlan
     status: Status
@@ -82,6 +109,7 @@ class Manifest:
     versions: Mapping[str, str]
     speed_x: float | None = None
     recorder: Mapping[str, Any] = field(default_factory=dict)
+    clock: Clock = Clock()
 
     @property
     def outcome(self) -> str:
@@ -99,14 +127,16 @@ class Manifest:
         """The manifest in a `run.json`; raises RunFolderError when it is not one."""
         try:
             raw = json.loads(text)
-            if raw["format"] != FORMAT:
-                raise RunFolderError(f"run.json has format {raw['format']}, this program reads {FORMAT}")
+            if raw["format"] not in FORMATS_READ:
+                read = " and ".join(str(number) for number in FORMATS_READ)
+                raise RunFolderError(f"run.json has format {raw['format']}, this program reads {read}")
             if raw["status"] not in get_args(Status):
                 raise RunFolderError(f"run.json has the unknown status {raw['status']!r}")
             plan = {name: raw.pop(name) for name in RunPlan.__dataclass_fields__}
             windows = tuple(Window(**window) for window in plan.pop("windows"))
             del raw["format"]
-            return cls(plan=RunPlan(windows=windows, **plan), **raw)
+            clock = Clock(**raw.pop("clock", {}))
+            return cls(plan=RunPlan(windows=windows, **plan), clock=clock, **raw)
         except (ValueError, KeyError, TypeError) as error:
             raise RunFolderError(f"run.json is not a run's manifest: {error}") from error
 
@@ -132,7 +162,9 @@ class RunFolder:
         except OSError as error:
             raise RunFolderError(f"cannot make the run folder {path}: {error.strerror}") from error
         folder = cls(path)
-        folder._write_manifest(Manifest(plan, "running", "", _utc(started), None, versions()))
+        folder._write_manifest(
+            Manifest(plan, "running", "", _utc(started), None, versions(), clock=Clock.of(plan.mode))
+        )
         return folder
 
     @classmethod
@@ -152,6 +184,11 @@ class RunFolder:
     def can_log_path(self) -> Path:
         """Every frame, in candump's format."""
         return self.path / "can.log"
+
+    @property
+    def sent_log_path(self) -> Path:
+        """The frames of can.log that the controller sent itself, in the same format."""
+        return self.path / "sent.log"
 
     @property
     def ticks_path(self) -> Path:
@@ -181,6 +218,11 @@ class RunFolder:
     def manifest(self) -> Manifest:
         """Read `run.json`; raises RunFolderError when it cannot be understood."""
         return Manifest.from_json(self.manifest_path.read_text(encoding="utf-8"))
+
+    def note_run_zero(self, monotonic_s: float) -> None:
+        """Write down when the run's time began. Raises OSError, RunFolderError."""
+        before = self.manifest()
+        self._write_manifest(replace(before, clock=before.clock.with_run_zero(monotonic_s)))
 
     def finish(
         self,
