@@ -5,6 +5,7 @@ import select
 import socket
 import threading
 import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
 import can
@@ -38,11 +39,11 @@ GARBAGE = {
 }
 
 
-def frame(can_id=LEVELS_ID, data=b"\x01\x02\x03\x04\x05\x06\x07", **kind):
+def frame(can_id: int = LEVELS_ID, data: bytes = b"\x01\x02\x03\x04\x05\x06\x07", **kind: bool) -> can.Message:
     return can.Message(arbitration_id=can_id, data=data, **({"is_extended_id": False} | kind))
 
 
-def line(can_id=LEVELS_ID, data=b"\x01\x02\x03\x04\x05\x06\x07"):
+def line(can_id: int = LEVELS_ID, data: bytes = b"\x01\x02\x03\x04\x05\x06\x07") -> bytes:
     """A data frame as an slcan adapter says it."""
     return f"t{can_id:03X}{len(data)}{data.hex().upper()}\r".encode()
 
@@ -51,7 +52,7 @@ def filters_for(ids):
     return [{"can_id": can_id, "can_mask": 0x7FF, "extended": False} for can_id in ids]
 
 
-def next_frame(port, timeout_s=2.0):
+def next_frame(port: BusPort, timeout_s: float = 2.0) -> can.Message | None:
     """The next frame, however many calls it takes; None when there is none in time or the link is gone."""
     end_s = time.monotonic() + timeout_s
     while port.is_up and time.monotonic() < end_s:
@@ -61,7 +62,7 @@ def next_frame(port, timeout_s=2.0):
     return None
 
 
-def wait_for(condition, timeout_s=5.0):
+def wait_for(condition: Callable[[], bool], timeout_s: float = 5.0) -> bool:
     end_s = time.monotonic() + timeout_s
     while not (result := condition()):
         assert time.monotonic() < end_s, "did not happen in time"
@@ -72,23 +73,23 @@ def wait_for(condition, timeout_s=5.0):
 class VirtualFar:
     """A second node on a virtual bus."""
 
-    def __init__(self, channel):
+    def __init__(self, channel: str) -> None:
         self._bus = can.Bus(interface="virtual", channel=channel, ignore_config=True)
         self.port = BusPort(BusAddress("virtual", channel, BITRATE).open(IDS))
 
-    def send(self, *frames):
+    def send(self, *frames) -> None:
         for one in frames:
             self._bus.send(one)
 
-    def received(self, count):
+    def received(self, count) -> list[can.Message | None]:
         frames = [self._bus.recv(1.0) for _ in range(count)]
         assert self._bus.recv(0) is None
         return frames
 
-    def vanish(self):
+    def vanish(self) -> None:
         self.port._bus.shutdown()  # a virtual bus has no cable: its own end is closed
 
-    def close(self):
+    def close(self) -> None:
         self.port.close()
         self._bus.shutdown()
 
@@ -96,7 +97,7 @@ class VirtualFar:
 class SlcanFar:
     """The emulator's slcan adapter behind a descriptor, served in a thread from before our end is opened."""
 
-    def __init__(self, channel, connect):
+    def __init__(self, channel: str, connect: Callable[[], tuple[int, Callable[[], tuple[None, None] | None]]]) -> None:
         """connect : waits for our end; returns the descriptor of the far one, and what closes it."""
         self._connect = connect
         self._lock = threading.Lock()
@@ -108,11 +109,11 @@ class SlcanFar:
         assert self._link.port.channel is Channel.OPEN
 
     @classmethod
-    def on_tcp(cls):
+    def on_tcp(cls) -> "SlcanFar":
         listener = listen(0)
         listener.setblocking(True)
 
-        def connect():
+        def connect() -> tuple[int, Callable[[], None]]:
             with listener:
                 client, _ = listener.accept()
             return client.fileno(), client.close
@@ -120,16 +121,16 @@ class SlcanFar:
         return cls(f"socket://127.0.0.1:{listener.getsockname()[1]}", connect)
 
     @classmethod
-    def on_pty(cls):
+    def on_pty(cls) -> "SlcanFar":
         master, path = open_pty()
         held = os.open(path, os.O_RDWR | os.O_NOCTTY)  # without anybody the master would hang up
 
-        def connect():
+        def connect() -> tuple[int, Callable[[], tuple[None, None]]]:
             return master, lambda: (os.close(master), os.close(held))
 
         return cls(path, connect)
 
-    def send(self, *frames):
+    def send(self, *frames) -> None:
         with self._lock:
             for one in frames:
                 self._link.send(one)
@@ -139,17 +140,17 @@ class SlcanFar:
         time.sleep(0.02)
         return list(self._frames)
 
-    def vanish(self):
+    def vanish(self) -> None:
         if self._thread.is_alive():
             self._is_over = True
             self._thread.join()
             self._let_go()
 
-    def close(self):
+    def close(self) -> None:
         self.port.close()
         self.vanish()
 
-    def _serve(self):
+    def _serve(self) -> None:
         fd, self._let_go = self._connect()
         self._link = SlcanLink(fd)
         while not self._is_over:
@@ -159,7 +160,7 @@ class SlcanFar:
                 self._link.flush()
 
 
-def answer_opening(read, write):
+def answer_opening(read: Callable[[], bytes], write: Callable[..., int | None]) -> None:
     """Be an adapter until its channel is open; what else comes meanwhile is answered as it would be."""
     adapter = SlcanPort()
     while adapter.channel is not Channel.OPEN:
@@ -170,7 +171,7 @@ def answer_opening(read, write):
 class RawAdapter:
     """A TCP end of an slcan line that, once opened, says what it is told to, and reads only when asked."""
 
-    def __init__(self, receive_buffer=None):
+    def __init__(self, receive_buffer: int | None = None) -> None:
         self._listener = socket.socket()
         if receive_buffer is not None:
             self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
@@ -182,32 +183,32 @@ class RawAdapter:
         self.port = BusPort(BusAddress("slcan", self.channel, BITRATE).open(IDS))
         opening.join()
 
-    def _open(self):
+    def _open(self) -> None:
         self.client, _ = self._listener.accept()
         self.client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         answer_opening(lambda: self.client.recv(4096), self.client.sendall)
 
     @property
-    def bus(self):
+    def bus(self) -> can.BusABC:
         return self.port._bus
 
-    def say(self, data):
+    def say(self, data: bytes) -> None:
         self.client.sendall(data)
 
-    def heard(self):
+    def heard(self) -> bytes:
         self.client.setblocking(False)
         with suppress(BlockingIOError):
             return self.client.recv(1 << 20)
         return b""
 
-    def close(self):
+    def close(self) -> None:
         self.client.close()
         self._listener.close()
         self.port.close()
 
 
 @contextmanager
-def closing(far):
+def closing(far: RawAdapter | VirtualFar) -> Iterator[RawAdapter | VirtualFar]:
     try:
         yield far
     finally:

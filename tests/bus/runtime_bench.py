@@ -2,16 +2,20 @@
 
 import dataclasses
 import tomllib
+from collections.abc import Callable
+from pathlib import Path
 
 from can import Message
 
 from firmware_sim.frames import parse_command
+from firmware_sim.pump_node import Change
 from firmware_sim.rig import Rig as Emulator
 from firmware_sim.settings import EmulatorSettings
 from hil import runtime
 from hil.bench import assembly
+from hil.core.types import Event, Quad, TickRecord
 from hil.edge.config.settings_file import default_config_dir
-from hil.loop import ControlLoop
+from hil.loop import ControlLoop, Outcome
 
 MS = 1_000_000
 PERIOD_NS = 100 * MS
@@ -21,20 +25,20 @@ SCENARIO = '[scenario]\nname = "short"\nduration_s = 3.0\n[rig]\nsafety.arm_time
 class ManualClock:
     """Time that passes only when somebody waits, or when the script says that a call has stalled."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.now = 5_000 * MS
 
-    def now_ns(self):
+    def now_ns(self) -> int:
         return self.now
 
-    def sleep_until(self, deadline_ns):
+    def sleep_until(self, deadline_ns: int) -> None:
         self.now = max(self.now, deadline_ns)
 
 
 class RigPort:
     """The emulated rig as a port on the manual clock; notes every command with its time. `stalls` : time -> length."""
 
-    def __init__(self, clock, fingerprint, stalls=None):
+    def __init__(self, clock: ManualClock, fingerprint: int, stalls=None) -> None:
         settings = tomllib.loads((default_config_dir() / "emulator.toml").read_text())
         self.trips_ms = []
         self.rig = Emulator(EmulatorSettings.model_validate(settings), (), 1, fingerprint, self._watch)
@@ -47,11 +51,11 @@ class RigPort:
         self.last_error = ""
         self.start_ns = clock.now
 
-    def _watch(self, change):
+    def _watch(self, change: Change) -> None:
         if change.cause == "watchdog":
             self.trips_ms.append(change.t_ns / MS)
 
-    def _rig_ns(self):
+    def _rig_ns(self) -> int:
         return self.clock.now - self.start_ns
 
     def receive(self, timeout_s):
@@ -76,7 +80,7 @@ class RigPort:
         frames, self.inbox = self.inbox, []
         return frames
 
-    def send(self, frame_id, data, timestamp_s):
+    def send(self, frame_id: int, data: bytes, timestamp_s: float) -> bool:
         message = Message(timestamp_s, frame_id, is_extended_id=False, data=data)
         self.sent.append((self.clock.now, parse_command(message)))
         if self.is_up:
@@ -87,19 +91,19 @@ class RigPort:
 class Ticks:
     """A recorder that keeps the steps, and may raise at one of them."""
 
-    def __init__(self, error_at=None, error=None):
+    def __init__(self, error_at=None, error=None) -> None:
         self.records, self.events = [], []
         self.error_at, self.error = error_at, error
 
-    def tick(self, record, true_level_cm=None):  # noqa: ARG002 - the recorder's signature
+    def tick(self, record: TickRecord, true_level_cm: Quad | None = None) -> None:  # noqa: ARG002 - the recorder's signature
         self.records.append(record)
         if len(self.records) == self.error_at:
             raise self.error
 
-    def frame(self, *_):
+    def frame(self, *_: float) -> None:
         pass
 
-    def event(self, t_s, event):
+    def event(self, t_s: float, event: Event) -> None:
         self.events.append((t_s, event))
 
 
@@ -110,19 +114,19 @@ class Bench:
     ticks: Ticks
     loop: ControlLoop
 
-    def run(self, stop_reason=lambda: ""):
+    def run(self, stop_reason: Callable[[], str] = lambda: "") -> Outcome:
         return runtime.run(self.loop, self.port, self.clock, 0.1, stop_reason)
 
     def times_ms(self):
         return [(at - self.port.start_ns) / MS for at, _ in self.port.sent]
 
-    def assert_ended_at_rest(self):
+    def assert_ended_at_rest(self) -> None:
         _, last = self.port.sent[-1]
         assert (last.enable, last.command_V) == (False, (0.0, 0.0))
         assert self.port.rig.truth().applied_V == (0.0, 0.0)
 
 
-def bench_in(folder, stalls=None, **recorder):
+def bench_in(folder: Path, stalls=None, **recorder) -> Bench:
     """A bench of the short scenario. stalls : rig time in ns -> how long the process then stalls."""
     scenario = folder / "short.toml"
     scenario.write_text(SCENARIO)

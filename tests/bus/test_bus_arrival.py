@@ -14,24 +14,24 @@ WALL_NS = 1_790_000_000 * S
 class Wall:
     """A wall clock beside a monotonic one that began at 0, and an offset between them that may jump."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.now_ns = 0
         self.ahead_ns = WALL_NS
         self.arrival = ArrivalClock(lambda: self.now_ns + self.ahead_ns)
 
-    def stamp_s(self):
+    def stamp_s(self) -> float:
         return (self.now_ns + self.ahead_ns) * 1e-9
 
-    def arrived_s(self, stamp_s):
+    def arrived_s(self, stamp_s: float) -> float:
         return self.arrival.arrived_ns(stamp_s, self.now_ns) / S
 
 
 @pytest.fixture
-def wall():
+def wall() -> Wall:
     return Wall()
 
 
-def test_a_frame_that_waited_has_arrived_when_it_was_stamped(wall):
+def test_a_frame_that_waited_has_arrived_when_it_was_stamped(wall: Wall) -> None:
     stamps_s = []
     for at_ns in (1 * S, 2 * S):
         wall.now_ns = at_ns
@@ -41,7 +41,7 @@ def test_a_frame_that_waited_has_arrived_when_it_was_stamped(wall):
 
 
 @pytest.mark.parametrize("jump_s", [3600, -3600])
-def test_a_wall_clock_that_jumps_moves_no_arrival_out_of_the_gap_before_it(wall, jump_s):
+def test_a_wall_clock_that_jumps_moves_no_arrival_out_of_the_gap_before_it(wall: Wall, jump_s: float) -> None:
     wall.now_ns = 1 * S
     wall.arrived_s(wall.stamp_s())
     wall.now_ns = round(1.02 * S)
@@ -53,7 +53,7 @@ def test_a_wall_clock_that_jumps_moves_no_arrival_out_of_the_gap_before_it(wall,
     assert wall.arrived_s(wall.stamp_s()) == pytest.approx(1.04, abs=1e-6), "the next frame is right again"
 
 
-def test_arrivals_never_run_backwards(wall):
+def test_arrivals_never_run_backwards(wall: Wall) -> None:
     wall.now_ns = 3 * S
     assert wall.arrived_s(wall.stamp_s()) == pytest.approx(3.0, abs=1e-6)
     assert wall.arrived_s(wall.stamp_s() - 1.0) == pytest.approx(3.0, abs=1e-6)
@@ -62,24 +62,24 @@ def test_arrivals_never_run_backwards(wall):
 class Saying:
     """A bus that has these frames to say."""
 
-    def __init__(self, *frames, **settings):
+    def __init__(self, *frames: can.Message, **settings: tuple[str]) -> None:
         self._frames = list(frames)
         self.__dict__.update(settings)
 
-    def recv(self, timeout=None):
+    def recv(self, timeout=None) -> can.Message | None:
         del timeout
         return self._frames.pop(0) if self._frames else None
 
-    def send(self, message, timeout=None):
+    def send(self, message, timeout=None) -> None:
         del message, timeout
         raise self.error
 
 
-def error(classes):
+def error(classes: int) -> can.Message:
     return can.Message(arbitration_id=classes, is_error_frame=True, data=bytes(8))
 
 
-def test_each_kind_of_error_is_told_once_and_counted_each_time():
+def test_each_kind_of_error_is_told_once_and_counted_each_time() -> None:
     port = BusPort(Saying(error(0x20), error(0x20), error(0x22)))
     for _ in range(3):
         assert port.receive(0.0).is_error_frame
@@ -88,24 +88,24 @@ def test_each_kind_of_error_is_told_once_and_counted_each_time():
     assert (port.news(), port.is_up) == ([], True)
 
 
-def test_bus_off_takes_the_bus_down_and_is_its_reason():
+def test_bus_off_takes_the_bus_down_and_is_its_reason() -> None:
     port = BusPort(Saying(error(0x40 | 0x8)))
     port.receive(0.0)
     assert (port.is_up, port.last_error) == (False, "the CAN controller is bus-off")
 
 
-def test_warnings_of_a_bus_are_the_first_news():
+def test_warnings_of_a_bus_are_the_first_news() -> None:
     port = BusPort(Saying(warnings=("can0 restarts by itself",)))
     assert [(event.code, event.text) for event in port.news()] == [("bus_setting", "can0 restarts by itself")]
 
 
 @pytest.mark.parametrize("number", [100, 19, 6])
 @pytest.mark.parametrize("kind", [OSError, lambda number, text: can.CanOperationError(text, number)])
-def test_a_send_to_an_interface_that_is_gone_takes_the_bus_down_at_once(number, kind):
+def test_a_send_to_an_interface_that_is_gone_takes_the_bus_down_at_once(number: int, kind) -> None:
     port = BusPort(Saying(error=kind(number, "gone")))
     assert port.send(COMMAND_ID, bytes(6), 0.0) is False
     assert not port.is_up
 
 
-def test_a_bus_without_stamps_has_its_frames_arrive_when_they_are_read():
+def test_a_bus_without_stamps_has_its_frames_arrive_when_they_are_read() -> None:
     assert BusPort(Saying()).arrived_ns(error(0), 123) == 123

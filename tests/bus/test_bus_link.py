@@ -1,5 +1,7 @@
 """What is made of the kernel's word on an interface, before a run and during one."""
 
+from typing import Any
+
 import pytest
 
 from hil.edge.can.socketcan import Link, LinkError
@@ -8,12 +10,12 @@ UP = Link("can0", 3, "can", is_up=True, has_carrier=True, bitrate=500_000, state
 BRING_UP = "ip link set can0 up type can bitrate 500000"
 
 
-def link(**changes):
+def link(**changes: str | int | None) -> Link:
     return Link(**{name: getattr(UP, name) for name in Link.__slots__} | changes)
 
 
 @pytest.mark.parametrize("usable", [UP, link(bitrate=None), link(kind="vcan", bitrate=None, state="")])
-def test_a_link_that_is_up_at_its_bit_rate_or_has_none_is_taken(usable):
+def test_a_link_that_is_up_at_its_bit_rate_or_has_none_is_taken(usable: Link) -> None:
     usable.require(500_000)
     assert usable.warnings() == ()
 
@@ -28,24 +30,24 @@ def test_a_link_that_is_up_at_its_bit_rate_or_has_none_is_taken(usable):
         (link(state="BUS_OFF"), "can0 is bus-off; mend the bus, then as root: ip link set can0 type can restart"),
     ],
 )
-def test_any_other_is_refused_with_what_to_do(bad, text):
+def test_any_other_is_refused_with_what_to_do(bad: Link, text: str) -> None:
     with pytest.raises(LinkError) as refused:
         bad.require(500_000)
     assert refused.value.strerror == text
 
 
-def test_an_interface_that_is_not_there_is_named():
+def test_an_interface_that_is_not_there_is_named() -> None:
     with pytest.raises(LinkError, match="there is no interface nosuch0"):
         Link.read("nosuch0")
 
 
-def test_an_interface_of_another_kind_is_read_like_any():
+def test_an_interface_of_another_kind_is_read_like_any() -> None:
     """The loopback interface is there on every host."""
     seen = Link.read("lo")
     assert (seen.name, seen.kind, seen.bitrate, seen.restart_ms, seen.state) == ("lo", "", None, 0, "")
 
 
-def test_a_kernel_that_restarts_by_itself_and_a_controller_in_trouble_are_warned_of():
+def test_a_kernel_that_restarts_by_itself_and_a_controller_in_trouble_are_warned_of() -> None:
     restarts, passive = link(restart_ms=100, state="ERROR_PASSIVE").warnings()
     assert "after 100 ms by itself (restart-ms)" in restarts
     assert passive == "can0: the CAN controller is error-passive before anything is sent"
@@ -59,7 +61,7 @@ def test_a_kernel_that_restarts_by_itself_and_a_controller_in_trouble_are_warned
         ("vcan", 0x1, {}),
     ],
 )
-def test_a_message_of_rtnetlink_is_read(kind, flags, data):
+def test_a_message_of_rtnetlink_is_read(kind: str, flags: int, data: dict[str, Any]) -> None:
     class Message(dict):
         def get(self, path, default=None):
             if path == ("linkinfo", "kind"):

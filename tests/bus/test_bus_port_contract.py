@@ -1,6 +1,7 @@
 """What the control loop may rely on of a bus: a virtual one, slcan over TCP, slcan over a pty, the kernel's."""
 
 import time
+from collections.abc import Iterator
 
 import pytest
 
@@ -10,6 +11,7 @@ from tests.bus.bus_bench import (
     IDS,
     LEVELS_ID,
     STATUS_ID,
+    RawAdapter,
     SlcanFar,
     VirtualFar,
     closing,
@@ -34,12 +36,12 @@ KERNEL = ("vcan", "two controllers")
         pytest.param(make, id=name, marks=[pytest.mark.socketcan] * (name in KERNEL)) for name, make in FARS.items()
     ]
 )
-def far(request):
+def far(request: pytest.FixtureRequest) -> Iterator[RawAdapter | VirtualFar]:
     with closing(request.param(request)) as one:
         yield one
 
 
-def test_frames_come_whole_and_in_order(far):
+def test_frames_come_whole_and_in_order(far) -> None:
     sent = [frame(data=bytes([number, 0, 255, 13, 7, 10, 65])) for number in range(20)]
     far.send(*sent)
     got = [next_frame(far.port) for _ in sent]
@@ -48,7 +50,7 @@ def test_frames_come_whole_and_in_order(far):
 
 
 @pytest.mark.parametrize("length", [0, 1, 6, 8])
-def test_payloads_of_every_length_pass_both_ways(far, length):
+def test_payloads_of_every_length_pass_both_ways(far, length: int) -> None:
     data = bytes(range(200, 200 + length))
     far.send(frame(STATUS_ID, data))
     assert bytes(next_frame(far.port).data) == data
@@ -57,20 +59,20 @@ def test_payloads_of_every_length_pass_both_ways(far, length):
     assert (arrived.arbitration_id, bytes(arrived.data), arrived.is_extended_id) == (COMMAND_ID, data, False)
 
 
-def test_commands_arrive_in_order_each_once(far):
+def test_commands_arrive_in_order_each_once(far) -> None:
     payloads = [bytes([number, 1, 2, 3, 4, 5]) for number in range(30)]
     assert all(far.port.send(COMMAND_ID, data, 0.0) for data in payloads)
     assert [bytes(m.data) for m in far.received(30)] == payloads
     assert far.port.send_failures == 0
 
 
-def test_a_command_does_not_come_back_to_its_sender(far):
+def test_a_command_does_not_come_back_to_its_sender(far) -> None:
     far.port.send(COMMAND_ID, bytes(6), 0.0)
     far.received(1)
     assert far.port.receive(0.05) is None
 
 
-def test_foreign_and_extended_frames_are_kept_out(far):
+def test_foreign_and_extended_frames_are_kept_out(far) -> None:
     """The extended frame has the number of one of ours."""
     far.send(frame(FOREIGN_ID), frame(LEVELS_ID, is_extended_id=True), frame(LEVELS_ID, b"\x2a" * 7))
     assert bytes(next_frame(far.port).data) == b"\x2a" * 7
@@ -78,17 +80,17 @@ def test_foreign_and_extended_frames_are_kept_out(far):
     assert far.port.is_up
 
 
-def test_somebody_elses_command_is_let_in_so_that_it_can_be_noticed(far):
+def test_somebody_elses_command_is_let_in_so_that_it_can_be_noticed(far) -> None:
     far.send(frame(COMMAND_ID, bytes(6)))
     assert next_frame(far.port).arbitration_id == COMMAND_ID
 
 
-def test_a_remote_frame_is_marked_as_one(far):
+def test_a_remote_frame_is_marked_as_one(far) -> None:
     far.send(frame(LEVELS_ID, b"", is_remote_frame=True, dlc=getattr(far, "remote_length", 7)))
     assert next_frame(far.port).is_remote_frame
 
 
-def test_a_quiet_bus_is_no_failure(far):
+def test_a_quiet_bus_is_no_failure(far) -> None:
     started_s = time.monotonic()
     assert far.port.receive(0.05) is None
     assert 0.03 < time.monotonic() - started_s < 0.5
@@ -98,7 +100,7 @@ def test_a_quiet_bus_is_no_failure(far):
     assert (far.port.is_up, far.port.receive_failures, far.port.last_error) == (True, 0, "")
 
 
-def test_waiting_returns_what_has_come_so_far(far):
+def test_waiting_returns_what_has_come_so_far(far) -> None:
     far.send(*[frame() for _ in range(12)])
     seen = []
     wait_for(lambda: seen.extend(far.port.waiting()) or len(seen) >= 12)
@@ -106,7 +108,7 @@ def test_waiting_returns_what_has_come_so_far(far):
     assert far.port.waiting() == []
 
 
-def test_a_link_that_is_gone_is_down_and_nothing_raises(far):
+def test_a_link_that_is_gone_is_down_and_nothing_raises(far) -> None:
     far.send(frame())
     assert next_frame(far.port) is not None
     far.vanish()
@@ -124,7 +126,7 @@ def test_a_link_that_is_gone_is_down_and_nothing_raises(far):
     far.port.close()
 
 
-def test_a_link_that_is_gone_is_noticed_by_reading_alone(far):
+def test_a_link_that_is_gone_is_noticed_by_reading_alone(far) -> None:
     far.vanish()
     deadline_s = time.monotonic() + 2.0
     while far.port.is_up and time.monotonic() < deadline_s:

@@ -10,38 +10,38 @@ from tests.bus.bus_bench import COMMAND_ID, VirtualFar, closing, frame, next_fra
 class FailingBus:
     """Raises what it is told to, as often as it is told to; otherwise a quiet bus. Notes what was sent, and how."""
 
-    def __init__(self, error, times=10**9):
+    def __init__(self, error: Exception, times: int = 10**9) -> None:
         self.error, self.times = error, times
         self.sent = []
         self.timeouts = []
 
-    def _fail(self):
+    def _fail(self) -> None:
         if self.times > 0:
             self.times -= 1
             raise self.error
 
-    def send(self, message, timeout=None):
+    def send(self, message, timeout=None) -> None:
         self.timeouts.append(timeout)
         self._fail()
         self.sent.append(message)
 
-    def recv(self, timeout=None):
+    def recv(self, timeout=None) -> None:
         self.timeouts.append(timeout)
         self._fail()
 
-    def shutdown(self):
+    def shutdown(self) -> None:
         self._fail()
 
 
 ERRORS = [can.CanOperationError("full"), OSError(105, "No buffer space"), ValueError("bad"), IndexError("short")]
 
 
-def send(port):
+def send(port: BusPort) -> bool:
     return port.send(COMMAND_ID, bytes(6), 0.0)
 
 
 @pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
-def test_the_third_failed_send_in_a_row_takes_the_bus_down(error):
+def test_the_third_failed_send_in_a_row_takes_the_bus_down(error: Exception) -> None:
     port = BusPort(FailingBus(error))
     ups = []
     for _ in range(SEND_FAILURES_IN_A_ROW + 2):
@@ -52,7 +52,7 @@ def test_the_third_failed_send_in_a_row_takes_the_bus_down(error):
     assert str(error) in port.last_error
 
 
-def test_two_failed_sends_and_a_good_one_leave_it_up():
+def test_two_failed_sends_and_a_good_one_leave_it_up() -> None:
     bus = FailingBus(OSError(105, "No buffer space"))
     port = BusPort(bus)
     for _ in range(4):
@@ -62,7 +62,7 @@ def test_two_failed_sends_and_a_good_one_leave_it_up():
     assert port.send_failures == 8
 
 
-def test_a_failed_command_is_never_sent_again():
+def test_a_failed_command_is_never_sent_again() -> None:
     bus = FailingBus(OSError(105, "No buffer space"), times=2)
     port = BusPort(bus)
     for number in range(4):
@@ -70,21 +70,21 @@ def test_a_failed_command_is_never_sent_again():
     assert [bytes(m.data)[0] for m in bus.sent] == [2, 3]
 
 
-def test_a_send_never_asks_the_bus_to_wait():
+def test_a_send_never_asks_the_bus_to_wait() -> None:
     bus = FailingBus(OSError(), times=0)
     send(BusPort(bus))
     assert bus.timeouts == [0]
 
 
 @pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
-def test_a_failed_receive_takes_the_bus_down_at_once(error):
+def test_a_failed_receive_takes_the_bus_down_at_once(error: Exception) -> None:
     port = BusPort(FailingBus(error, times=1))
     assert port.receive(0.0) is None
     assert not port.is_up
     assert port.receive_failures == 1
 
 
-def test_a_bus_once_down_stays_down():
+def test_a_bus_once_down_stays_down() -> None:
     bus = FailingBus(OSError(100, "Network is down"), times=1)
     port = BusPort(bus)
     port.receive(0.0)
@@ -93,24 +93,24 @@ def test_a_bus_once_down_stays_down():
 
 
 @pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
-def test_close_never_raises(error):
+def test_close_never_raises(error: Exception) -> None:
     BusPort(FailingBus(error)).close()
 
 
-def test_what_is_not_the_buss_fault_is_not_swallowed():
+def test_what_is_not_the_buss_fault_is_not_swallowed() -> None:
     """A bug must reach the loop, which then sends 0 V."""
     with pytest.raises(ZeroDivisionError):
         BusPort(FailingBus(ZeroDivisionError())).receive(0.0)
 
 
-def test_waiting_takes_a_bounded_batch_of_a_babbling_bus():
+def test_waiting_takes_a_bounded_batch_of_a_babbling_bus() -> None:
     with closing(VirtualFar("babble")) as far:
         far.send(*[frame() for _ in range(LARGEST_BATCH + 500)])
         assert len(far.port.waiting()) == LARGEST_BATCH
         assert len(far.port.waiting()) == 500
 
 
-def test_a_virtual_bus_keeps_the_time_it_is_given():
+def test_a_virtual_bus_keeps_the_time_it_is_given() -> None:
     ours, theirs = (
         can.Bus(interface="virtual", channel="stamped", preserve_timestamps=True, ignore_config=True) for _ in range(2)
     )

@@ -4,12 +4,14 @@ import os
 import termios
 import threading
 import time
+from collections.abc import Iterator
 
 import can
 import pytest
 
 from firmware_sim.links import open_pty
 from firmware_sim.slcan_port import SlcanPort
+from hil.core.types import Pair
 from hil.edge.can.bus import LARGEST_BATCH, BusAddress, BusPort
 from hil.edge.can.slcan_bus import STALE_S
 from hil.edge.can.slcan_lines import LONGEST_LINE
@@ -18,6 +20,7 @@ from tests.bus.bus_bench import (
     GARBAGE,
     LEVELS_ID,
     RawAdapter,
+    VirtualFar,
     answer_opening,
     closing,
     line,
@@ -29,26 +32,26 @@ GOOD = b"\x11\x22\x33\x44\x55\x66\x77"
 
 
 @pytest.fixture
-def adapter():
+def adapter() -> Iterator[RawAdapter | VirtualFar]:
     with closing(RawAdapter()) as one:
         yield one
 
 
-def assert_still_receives(adapter):
+def assert_still_receives(adapter: RawAdapter | VirtualFar) -> None:
     adapter.say(line(data=GOOD))
     message = next_frame(adapter.port)
     assert message is not None, adapter.port.last_error
     assert bytes(message.data) == GOOD
 
 
-def settle(port):
+def settle(port: BusPort) -> None:
     """Read until nothing comes any more."""
     for _ in range(6):
         port.receive(0.005)
 
 
 @pytest.mark.parametrize("garbage", GARBAGE.values(), ids=GARBAGE.keys())
-def test_the_next_frame_after_garbage_is_received(adapter, garbage):
+def test_the_next_frame_after_garbage_is_received(adapter: RawAdapter | VirtualFar, garbage: bytes) -> None:
     """One byte beyond ASCII used to count as a lost link: python-can hides the cause inside its own error."""
     adapter.say(garbage)
     settle(adapter.port)
@@ -57,7 +60,7 @@ def test_the_next_frame_after_garbage_is_received(adapter, garbage):
 
 
 @pytest.mark.parametrize("garbage", GARBAGE.values(), ids=GARBAGE.keys())
-def test_garbage_in_the_midst_of_frames_costs_none_of_them(adapter, garbage):
+def test_garbage_in_the_midst_of_frames_costs_none_of_them(adapter: RawAdapter | VirtualFar, garbage: bytes) -> None:
     for _ in range(30):
         adapter.say(line(data=GOOD) + garbage + line(data=GOOD))
     got = [next_frame(adapter.port) for _ in range(60)]
@@ -79,13 +82,13 @@ REJECTED = {
 
 
 @pytest.mark.parametrize("name", REJECTED)
-def test_what_is_dropped_is_counted_by_its_cause(adapter, name):
+def test_what_is_dropped_is_counted_by_its_cause(adapter: RawAdapter | VirtualFar, name: str) -> None:
     adapter.say(GARBAGE[name])
     assert_still_receives(adapter)
     assert adapter.port.line_counts == {"refused": 0, "dropped": 0} | REJECTED[name]
 
 
-def test_nothing_but_garbage_leaves_the_link_up(adapter):
+def test_nothing_but_garbage_leaves_the_link_up(adapter: RawAdapter | VirtualFar) -> None:
     """That nothing of ours comes is seen by its age, whatever else comes; a link whose bytes arrive is not lost."""
     adapter.say(GARBAGE["length beyond 8"] * 300)
     settle(adapter.port)
@@ -94,7 +97,7 @@ def test_nothing_but_garbage_leaves_the_link_up(adapter):
     assert_still_receives(adapter)
 
 
-def test_a_line_may_come_in_pieces(adapter):
+def test_a_line_may_come_in_pieces(adapter: RawAdapter | VirtualFar) -> None:
     whole = line(data=GOOD)
     for cut in range(1, len(whole)):
         adapter.say(whole[:cut])
@@ -105,7 +108,7 @@ def test_a_line_may_come_in_pieces(adapter):
         assert bytes(message.data) == GOOD
 
 
-def test_a_line_without_end_fills_no_memory_and_reception_goes_on(adapter):
+def test_a_line_without_end_fills_no_memory_and_reception_goes_on(adapter: RawAdapter | VirtualFar) -> None:
     for _ in range(100):
         adapter.say(b"A" * 1500)
         adapter.port.receive(0.002)
@@ -117,7 +120,7 @@ def test_a_line_without_end_fills_no_memory_and_reception_goes_on(adapter):
     assert_still_receives(adapter)
 
 
-def test_a_babbling_line_can_not_hold_a_step_up(adapter):
+def test_a_babbling_line_can_not_hold_a_step_up(adapter: RawAdapter | VirtualFar) -> None:
     for _ in range(15):
         adapter.say(line() * 100)
     time.sleep(0.1)
@@ -127,19 +130,19 @@ def test_a_babbling_line_can_not_hold_a_step_up(adapter):
     assert time.monotonic() - started_s < 1.0
 
 
-def test_a_flood_of_foreign_frames_does_not_keep_receive_past_its_time(adapter):
+def test_a_flood_of_foreign_frames_does_not_keep_receive_past_its_time(adapter: RawAdapter | VirtualFar) -> None:
     adapter.say(line(0x333) * 2000)
     started_s = time.monotonic()
     assert adapter.port.receive(0.02) is None
     assert time.monotonic() - started_s < 0.1
 
 
-def test_a_command_goes_out_as_one_line_with_nothing_added(adapter):
+def test_a_command_goes_out_as_one_line_with_nothing_added(adapter: RawAdapter | VirtualFar) -> None:
     assert adapter.port.send(COMMAND_ID, GOOD[:6], 0.0)
     assert wait_for(adapter.heard) == line(COMMAND_ID, GOOD[:6])
 
 
-def send_until_it_fails(port, longest_s):
+def send_until_it_fails(port: BusPort, longest_s: float) -> Pair:
     """Sends that succeeded before three failed, and how long the third slowest of all took.
 
     If a full line blocked sends, the three that failed would all be slow. One or two may be: a busy machine's doing.
@@ -152,7 +155,7 @@ def send_until_it_fails(port, longest_s):
     return sent, sorted(times_s)[-3]
 
 
-def test_an_adapter_that_does_not_read_fails_sends_and_never_blocks_them():
+def test_an_adapter_that_does_not_read_fails_sends_and_never_blocks_them() -> None:
     """Writing without waiting used to spin for ever inside pyserial once the line's buffer was full."""
     with closing(RawAdapter(receive_buffer=2048)) as adapter:
         sent, third_slowest_s = send_until_it_fails(adapter.port, 20.0)
@@ -161,7 +164,7 @@ def test_an_adapter_that_does_not_read_fails_sends_and_never_blocks_them():
         assert third_slowest_s < 0.1
 
 
-def test_after_a_failed_send_nothing_of_it_is_sent_later():
+def test_after_a_failed_send_nothing_of_it_is_sent_later() -> None:
     """What the line's buffer took before it was full comes out; the refused commands do not follow."""
     with closing(RawAdapter(receive_buffer=2048)) as adapter:
         sent, _ = send_until_it_fails(adapter.port, 20.0)
@@ -176,7 +179,7 @@ def test_after_a_failed_send_nothing_of_it_is_sent_later():
 
 
 @pytest.fixture
-def opened_pty():
+def opened_pty() -> Iterator[tuple[int, BusPort]]:
     """The master of a pty whose slave is open as a bus, after which nobody answers any more."""
     master, path = open_pty()
     held = os.open(path, os.O_RDWR | os.O_NOCTTY)
@@ -192,21 +195,21 @@ def opened_pty():
     port.close()
 
 
-def test_a_tty_is_not_waited_for_to_drain(opened_pty, monkeypatch):
+def test_a_tty_is_not_waited_for_to_drain(opened_pty: tuple[int, BusPort], monkeypatch: pytest.MonkeyPatch) -> None:
     """An adapter that has stalled would otherwise hold the control loop in tcdrain until a signal came."""
     monkeypatch.setattr(termios, "tcdrain", lambda _: pytest.fail("waits for the adapter"))
     _, port = opened_pty
     assert port.send(COMMAND_ID, GOOD[:6], 0.0), port.last_error
 
 
-def test_a_pty_that_nobody_reads_fails_sends_and_never_blocks_them(opened_pty):
+def test_a_pty_that_nobody_reads_fails_sends_and_never_blocks_them(opened_pty: tuple[int, BusPort]) -> None:
     _, port = opened_pty
     sent, third_slowest_s = send_until_it_fails(port, 10.0)
     assert not port.is_up, sent
     assert third_slowest_s < 0.1
 
 
-def test_an_adapter_that_has_stopped_answering_gets_no_more_commands(adapter):
+def test_an_adapter_that_has_stopped_answering_gets_no_more_commands(adapter: RawAdapter | VirtualFar) -> None:
     """What waits in the line can't be taken back: of an adapter that answers, it is a quarter of a second's worth."""
     adapter.port.send(COMMAND_ID, GOOD[:6], 0.0)
     adapter.say(b"z\r")
@@ -225,7 +228,7 @@ def test_an_adapter_that_has_stopped_answering_gets_no_more_commands(adapter):
     assert wait_for(adapter.heard) == line(COMMAND_ID, GOOD[:6]), "the refused one does not follow"
 
 
-def test_answers_that_wait_unread_are_seen_before_a_command_is_dropped(adapter):
+def test_answers_that_wait_unread_are_seen_before_a_command_is_dropped(adapter: RawAdapter | VirtualFar) -> None:
     """A controller that was stopped for a second finds them when it goes on."""
     adapter.port.send(COMMAND_ID, GOOD[:6], 0.0)
     adapter.say(b"z\r")
@@ -238,7 +241,7 @@ def test_answers_that_wait_unread_are_seen_before_a_command_is_dropped(adapter):
 
 
 @pytest.mark.parametrize("refusal", [b"\a", b"\a\r"])
-def test_refused_commands_are_counted_and_leave_the_link_up(adapter, refusal):
+def test_refused_commands_are_counted_and_leave_the_link_up(adapter: RawAdapter | VirtualFar, refusal: bytes) -> None:
     for _ in range(5):
         assert adapter.port.send(COMMAND_ID, GOOD[:6], 0.0)
         adapter.say(refusal)
@@ -247,7 +250,9 @@ def test_refused_commands_are_counted_and_leave_the_link_up(adapter, refusal):
     assert adapter.port.is_up
 
 
-def test_a_line_of_which_a_part_went_out_is_not_completed_by_the_next(adapter, monkeypatch):
+def test_a_line_of_which_a_part_went_out_is_not_completed_by_the_next(
+    adapter: RawAdapter | VirtualFar, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Half of a command in the adapter's buffer: what comes next must not make it whole, or be swallowed by it."""
     serial_line = adapter.bus._line
     whole, sizes = serial_line.write, [7, 3]
@@ -262,13 +267,13 @@ def test_a_line_of_which_a_part_went_out_is_not_completed_by_the_next(adapter, m
     assert [bytes(frame.data) for frame in frames] == [b"\xee" * 6]
 
 
-def opened_adapter():
+def opened_adapter() -> SlcanPort:
     adapter = SlcanPort()
     adapter.feed(b"O\r")
     return adapter
 
 
-def test_what_python_cans_users_know_works(adapter):
+def test_what_python_cans_users_know_works(adapter: RawAdapter | VirtualFar) -> None:
     """Notifier, filters, recv without a time, frames that can't be said, shutdown twice."""
     bus = adapter.bus
     heard = can.BufferedReader()
@@ -290,7 +295,7 @@ def test_what_python_cans_users_know_works(adapter):
             call()
 
 
-def test_a_frame_sent_waits_for_room_as_long_as_it_is_told_to(opened_pty):
+def test_a_frame_sent_waits_for_room_as_long_as_it_is_told_to(opened_pty: tuple[int, BusPort]) -> None:
     """A pty stays full, unlike a TCP line, once the system has moved on what it had taken."""
     _, port = opened_pty
     failed = 0

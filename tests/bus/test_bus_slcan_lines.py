@@ -4,6 +4,7 @@ import pytest
 from can import Message
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from hypothesis.strategies._internal.core import DataObject
 
 from hil.edge.can.slcan_lines import LONGEST_LINE, LineReader, Reject, frame_line, parse_frame
 from tests.bus.bus_bench import GARBAGE
@@ -47,7 +48,7 @@ STREAMS = st.lists(BITS, max_size=40).map(b"".join)
 
 
 @st.composite
-def frames(draw):
+def frames(draw) -> Message:
     is_extended, is_remote = draw(st.booleans()), draw(st.booleans())
     data = b"" if is_remote else draw(st.binary(max_size=8))
     return Message(
@@ -59,23 +60,23 @@ def frames(draw):
     )
 
 
-def told(frame):
+def told(frame: Message | None):
     return (frame.arbitration_id, frame.is_extended_id, frame.is_remote_frame, frame.dlc, bytes(frame.data))
 
 
 @pytest.mark.parametrize(("cause", "line"), [(cause, line) for cause, lines in REJECTED.items() for line in lines])
-def test_what_is_no_frame_is_dropped_by_its_cause_and_the_next_one_taken(cause, line):
+def test_what_is_no_frame_is_dropped_by_its_cause_and_the_next_one_taken(cause: Reject, line: bytes) -> None:
     reader = LineReader()
     assert [told(frame) for frame in reader.feed(line + b"\r" + GOOD)] == [told(parse_frame(GOOD[:-1]))]
     assert dict(reader.rejected) == {cause: 1}
 
 
 @pytest.mark.parametrize("garbage", GARBAGE.values(), ids=GARBAGE.keys())
-def test_garbage_costs_neither_the_frame_before_nor_the_one_after(garbage):
+def test_garbage_costs_neither_the_frame_before_nor_the_one_after(garbage: bytes) -> None:
     assert len(LineReader().feed(GOOD + garbage + GOOD)) == 2
 
 
-def test_answers_and_refusals_are_counted():
+def test_answers_and_refusals_are_counted() -> None:
     reader = LineReader()
     assert reader.feed(b"\rz\rZ\r\a\a\a\rV1013\rNFT01\rF00\r") == []
     assert (reader.done, reader.refused, reader.texts, dict(reader.rejected)) == (4, 3, 3, {})
@@ -83,13 +84,13 @@ def test_answers_and_refusals_are_counted():
     assert (reader.done, reader.refused, reader.texts) == (0, 0, 0)
 
 
-def test_a_refusal_between_two_frames_costs_neither():
+def test_a_refusal_between_two_frames_costs_neither() -> None:
     reader = LineReader()
     assert len(reader.feed(GOOD + b"\a" + GOOD)) == 2
     assert (reader.refused, dict(reader.rejected)) == (1, {})
 
 
-def test_a_refusal_within_a_line_cuts_it_off():
+def test_a_refusal_within_a_line_cuts_it_off() -> None:
     reader = LineReader()
     assert reader.feed(GOOD[:6] + b"\a" + GOOD[6:]) == []
     assert reader.refused == 1
@@ -98,7 +99,7 @@ def test_a_refusal_within_a_line_cuts_it_off():
 
 @pytest.mark.parametrize("size", [1, 100, 5000])
 @pytest.mark.parametrize("end", [b"\r", b"\a"])
-def test_an_endless_line_ends_at_either_end_and_costs_no_other(size, end):
+def test_an_endless_line_ends_at_either_end_and_costs_no_other(size: int, end: bytes) -> None:
     stream, reader, got = GOOD + b"A" * 3000 + end + GOOD + GOOD, LineReader(), []
     for start in range(0, len(stream), size):
         got += reader.feed(stream[start : start + size])
@@ -107,7 +108,7 @@ def test_an_endless_line_ends_at_either_end_and_costs_no_other(size, end):
 
 
 @pytest.mark.parametrize("stamp", [b"0000", b"EA5f"])
-def test_an_adapters_time_stamp_is_not_looked_at(stamp):
+def test_an_adapters_time_stamp_is_not_looked_at(stamp: bytes) -> None:
     for line in (GOOD[:-1], b"r1824", b"T1FFFFFFF0"):
         assert told(parse_frame(line + stamp)) == told(parse_frame(line))
         assert parse_frame(line + stamp + b"00") is None
@@ -115,14 +116,14 @@ def test_an_adapters_time_stamp_is_not_looked_at(stamp):
 
 
 @given(frames())
-def test_frames_round_trip_in_either_case(frame):
+def test_frames_round_trip_in_either_case(frame: Message) -> None:
     line = frame_line(frame)
     assert told(parse_frame(line[:-1])) == told(frame)
     assert told(parse_frame(line[:1] + line[1:-1].lower())) == told(frame)
 
 
 @given(frames())
-def test_what_the_emulators_adapter_says_is_understood(frame):
+def test_what_the_emulators_adapter_says_is_understood(frame: Message) -> None:
     """The twins have nothing in common but the protocol."""
     from firmware_sim.slcan_port import SlcanPort
 
@@ -135,13 +136,13 @@ def test_what_the_emulators_adapter_says_is_understood(frame):
 
 
 @pytest.mark.parametrize("frame", [Message(is_fd=True), Message(is_error_frame=True)])
-def test_what_the_protocol_has_no_words_for_is_not_sent(frame):
+def test_what_the_protocol_has_no_words_for_is_not_sent(frame: Message) -> None:
     with pytest.raises(ValueError, match="slcan has neither"):
         frame_line(frame)
 
 
 @given(STREAMS, st.integers(0, 255))
-def test_any_stream_in_any_cut_gives_the_same_frames_and_counts(stream, size):
+def test_any_stream_in_any_cut_gives_the_same_frames_and_counts(stream: bytes, size: int) -> None:
     """Also: at most 1 kB is kept, every refusal is counted, and each accepted frame comes back as it was."""
     targets.slcan(bytes((size,)) + stream)
 
@@ -162,12 +163,12 @@ LINES = st.binary(max_size=30).filter(lambda line: not {10, 13} & set(line)) | s
 )
 
 
-def counts(reader):
+def counts(reader: LineReader):
     return (reader.done, reader.refused, reader.texts, dict(reader.rejected), reader.kept)
 
 
 @given(st.lists(st.tuples(LINES, ENDS), max_size=40), st.data())
-def test_any_end_of_line_in_any_cut_gives_the_same_frames_and_counts(lines, data):
+def test_any_end_of_line_in_any_cut_gives_the_same_frames_and_counts(lines, data: DataObject) -> None:
     """An adapter that ends received frames with CR LF, or all lines with LF, used to have every frame rejected.
 
     Each line has an end of its own. CR before an empty line with LF is the one stream that has two meanings, and is
@@ -191,7 +192,7 @@ def test_any_end_of_line_in_any_cut_gives_the_same_frames_and_counts(lines, data
 
 @pytest.mark.parametrize("end", [b"\r", b"\n", b"\r\n"])
 @pytest.mark.parametrize("size", [1, 2, 3, 1000])
-def test_each_acknowledgement_counts_once_whatever_its_end(end, size):
+def test_each_acknowledgement_counts_once_whatever_its_end(end, size) -> None:
     stream = end.join([b"z", b"", b"Z", b"", b"", b""])
     reader = LineReader()
     for start in range(0, len(stream), size):
@@ -201,12 +202,12 @@ def test_each_acknowledgement_counts_once_whatever_its_end(end, size):
 
 @given(st.binary(max_size=3000))
 @settings(max_examples=50)
-def test_any_bytes_at_all_give_the_same_frames_in_any_cut(data):
+def test_any_bytes_at_all_give_the_same_frames_in_any_cut(data: bytes) -> None:
     targets.slcan(data)
 
 
 @given(st.lists(st.tuples(BITS, st.lists(frames(), max_size=3))))
-def test_good_lines_are_taken_wherever_garbage_ends(parts):
+def test_good_lines_are_taken_wherever_garbage_ends(parts) -> None:
     """Each piece of garbage is followed by an end of line, as the adapter's next answer would bring it."""
     reader = LineReader()
     for garbage, good in parts:
@@ -215,7 +216,7 @@ def test_good_lines_are_taken_wherever_garbage_ends(parts):
         assert [told(frame) for frame in got] == [told(frame) for frame in good]
 
 
-def test_a_line_of_just_the_longest_length_is_kept_and_one_byte_more_is_not():
+def test_a_line_of_just_the_longest_length_is_kept_and_one_byte_more_is_not() -> None:
     for length, is_kept in ((LONGEST_LINE, True), (LONGEST_LINE + 1, False)):
         reader = LineReader()
         reader.feed(b"A" * length)
@@ -224,11 +225,11 @@ def test_a_line_of_just_the_longest_length_is_kept_and_one_byte_more_is_not():
 
 
 @given(st.lists(st.tuples(st.integers(0, 255), st.integers(0, 255), st.integers(0, 255), st.binary(max_size=8))))
-def test_any_frames_leave_the_receiver_sane(parts):
+def test_any_frames_leave_the_receiver_sane(parts) -> None:
     """Never an exception, each frame counted once, no level said to be valid that isn't in range."""
     targets.wire(b"".join(bytes((which, how, wait, len(data))) + data for which, how, wait, data in parts))
 
 
 @given(STREAMS, st.integers(0, 255))
-def test_any_stream_gets_an_answer_a_line_from_the_emulators_adapter(stream, size):
+def test_any_stream_gets_an_answer_a_line_from_the_emulators_adapter(stream: bytes, size: int) -> None:
     targets.adapter(bytes((size,)) + stream)

@@ -4,6 +4,7 @@ import os
 import select
 import threading
 import time
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
 import can
@@ -23,35 +24,35 @@ SOON_S = 0.8
 class Adapter:
     """A pty with an adapter behind it, which may be odd. heard : all commands that reached it."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.heard = bytearray()
         self.port = SlcanPort()
 
-    def answer(self, data):
+    def answer(self, data: bytes) -> bytes:
         """What it says to these bytes."""
         self.heard += data
         return self.port.feed(data)[0]
 
-    def unasked(self):
+    def unasked(self) -> bytes:
         """What it says by itself, once a turn of a millisecond."""
         return b""
 
 
 @contextmanager
-def plugged(adapter):
+def plugged(adapter: Adapter) -> Iterator[str]:
     """The path of its tty."""
     master, path = open_pty()
     held = os.open(path, os.O_RDWR | os.O_NOCTTY)
     os.set_blocking(master, False)
     is_over = threading.Event()
 
-    def serve():
+    def serve() -> None:
         while not is_over.is_set():
             if select.select([master], [], [], 0.001)[0]:
                 say(adapter.answer(os.read(master, 4096)))
             say(adapter.unasked())
 
-    def say(data):
+    def say(data) -> None:
         with suppress(BlockingIOError):
             os.write(master, data)
 
@@ -66,7 +67,7 @@ def plugged(adapter):
         os.close(master)
 
 
-def opened(adapter, bitrate=BITRATE, timeout_s=OPEN_TIMEOUT_S):
+def opened(adapter: Adapter, bitrate: int = BITRATE, timeout_s: float = OPEN_TIMEOUT_S) -> float:
     """How long it took to open it; it must be open then, and answer."""
     with plugged(adapter) as path:
         started_s = time.monotonic()
@@ -81,14 +82,14 @@ def opened(adapter, bitrate=BITRATE, timeout_s=OPEN_TIMEOUT_S):
         return took_s
 
 
-def assert_heard(adapter, what):
+def assert_heard(adapter: Adapter, what: bytes) -> None:
     end_s = time.monotonic() + 2.0
     while not adapter.heard.endswith(what):
         assert time.monotonic() < end_s, bytes(adapter.heard)
         time.sleep(0.001)
 
 
-def refused(adapter, timeout_s=SOON_S):
+def refused(adapter: Adapter, timeout_s: float = SOON_S) -> str:
     with plugged(adapter) as path, pytest.raises(can.CanInitializationError) as caught:
         SlcanBus(path, open_timeout_s=timeout_s)
     assert adapter.port.channel is not Channel.OPEN
@@ -109,20 +110,20 @@ def refused(adapter, timeout_s=SOON_S):
         (1_000_000, b"S8"),
     ],
 )
-def test_every_bit_rate_has_its_command(bitrate, command):
+def test_every_bit_rate_has_its_command(bitrate: int, command: bytes) -> None:
     adapter = Adapter()
     assert opened(adapter, bitrate) < 2.0
     assert b"C\rV\r" + command + b"\rO\r" in adapter.heard
 
 
 @pytest.mark.parametrize("bitrate", [0, 9_999, 83_300, 300_000, 750_000, 1_000_001])
-def test_another_bit_rate_is_refused_before_anything_is_opened(bitrate):
+def test_another_bit_rate_is_refused_before_anything_is_opened(bitrate: int) -> None:
     with pytest.raises(BusError, match=f"slcan has no {bitrate} bit/s, only 10000, 20000, .*1000000$"):
         BusAddress("slcan", "/dev/nothing-there", bitrate).open(IDS)
 
 
 @pytest.mark.parametrize("before", [b"O\r", b"L\r", b"Z1\rO\r", b"t2016983A20", b"O\rt20169", b"C\rS", b"x" * 3000])
-def test_whatever_state_it_was_left_in(before):
+def test_whatever_state_it_was_left_in(before: bytes) -> None:
     """Open, listening, stamping frames, or with half a command in its buffer: opened at the first asking."""
     adapter = Adapter()
     adapter.port.feed(before)
@@ -130,18 +131,18 @@ def test_whatever_state_it_was_left_in(before):
     assert adapter.heard.count(b"V\r") == 1
 
 
-def test_frames_of_the_last_host_are_not_taken_for_new_ones_and_hold_nothing_up():
+def test_frames_of_the_last_host_are_not_taken_for_new_ones_and_hold_nothing_up() -> None:
     """It was left open on a busy bus: frames stand before and between its answers."""
 
     class Busy(Adapter):
         number = closed_at = 0
 
-        def answer(self, data):
+        def answer(self, data: bytes) -> bytes:
             before = self.unasked()  # a frame that was on its way
             self.closed_at = self.number if b"C\r" in data else self.closed_at
             return before + super().answer(data)
 
-        def unasked(self):
+        def unasked(self) -> bytes:
             self.number += 1
             return self.port.frame_line(
                 can.Message(arbitration_id=LEVELS_ID, is_extended_id=False, data=self.number.to_bytes(4, "big"))
@@ -160,16 +161,16 @@ def test_frames_of_the_last_host_are_not_taken_for_new_ones_and_hold_nothing_up(
 
 @pytest.mark.parametrize("boot_s", [0.4, 1.5])
 @pytest.mark.parametrize("banner", [b"", b"\xff\x00boot v1.2\rok\r"], ids=["quiet", "banner"])
-def test_one_that_boots_slowly_is_asked_again(boot_s, banner):
+def test_one_that_boots_slowly_is_asked_again(boot_s: float, banner: bytes) -> None:
     """Opening the line resets many adapters; what they are told meanwhile is lost."""
 
     class Booting(Adapter):
-        def __init__(self):
+        def __init__(self) -> None:
             super().__init__()
             self.ready_s = time.monotonic() + boot_s
             self.banner = banner
 
-        def answer(self, data):
+        def answer(self, data: bytes) -> bytes:
             if time.monotonic() > self.ready_s:
                 return super().answer(data)
             said, self.banner = self.banner, b""
@@ -183,13 +184,13 @@ def test_one_that_boots_slowly_is_asked_again(boot_s, banner):
 class OneCommandAWrite(Adapter):
     """Obeys the first command of what it reads at a time, and forgets the rest."""
 
-    def answer(self, data):
+    def answer(self, data: bytes) -> bytes:
         self.heard += data
         return self.port.feed(data[: data.index(b"\r") + 1] if b"\r" in data else data)[0]
 
 
 @pytest.mark.parametrize("before", [b"", b"O\r", b"L\r", b"Z1\rO\r", b"O\rt20169"])
-def test_one_that_obeys_one_command_a_write_is_opened_whatever_a_killed_program_left(before):
+def test_one_that_obeys_one_command_a_write_is_opened_whatever_a_killed_program_left(before) -> None:
     """All closing commands used to go out in one write: such an adapter stayed open and refused S6 for ever."""
     adapter = OneCommandAWrite()
     adapter.port.feed(before)
@@ -199,9 +200,9 @@ def test_one_that_obeys_one_command_a_write_is_opened_whatever_a_killed_program_
 
 @pytest.mark.parametrize("end", [b"\n", b"\r\n"])
 @pytest.mark.parametrize("before", [b"", b"O\r"])
-def test_one_that_ends_its_lines_otherwise_is_opened_and_its_answers_counted(end, before):
+def test_one_that_ends_its_lines_otherwise_is_opened_and_its_answers_counted(end, before) -> None:
     class OtherEnds(Adapter):
-        def answer(self, data):
+        def answer(self, data: bytes) -> bytes:
             return super().answer(data).replace(b"\r", end)
 
     adapter = OtherEnds()
@@ -210,11 +211,11 @@ def test_one_that_ends_its_lines_otherwise_is_opened_and_its_answers_counted(end
     assert adapter.is_answering
 
 
-def test_one_that_acknowledges_nothing_but_tells_its_version_is_opened_all_the_same():
+def test_one_that_acknowledges_nothing_but_tells_its_version_is_opened_all_the_same() -> None:
     """Widespread firmware answers nothing else. That it is there is known then; that it is open shows by its frames."""
 
     class Mute(Adapter):
-        def answer(self, data):
+        def answer(self, data: bytes) -> bytes:
             return b"canable-1a2b3c\r" if b"V1013" in super().answer(data) else b""
 
     adapter = Mute()
@@ -223,21 +224,21 @@ def test_one_that_acknowledges_nothing_but_tells_its_version_is_opened_all_the_s
 
 
 class Silent(Adapter):
-    def answer(self, data):
+    def answer(self, data: bytes) -> bytes:
         self.heard += data
         return b""
 
 
-def test_one_that_never_answers_is_an_error_in_bounded_time():
+def test_one_that_never_answers_is_an_error_in_bounded_time() -> None:
     started_s = time.monotonic()
     assert refused(Silent()) == "the adapter does not answer"
     assert SOON_S <= time.monotonic() - started_s < SOON_S + 0.6
 
 
 @pytest.mark.parametrize("command", [b"S6", b"O"])
-def test_one_that_refuses_is_an_error_that_says_what(command):
+def test_one_that_refuses_is_an_error_that_says_what(command: bytes) -> None:
     class Refusing(Adapter):
-        def answer(self, data):
+        def answer(self, data: bytes) -> bytes:
             return b"\a" if data == command + b"\r" else super().answer(data)
 
     started_s = time.monotonic()
@@ -246,19 +247,19 @@ def test_one_that_refuses_is_an_error_that_says_what(command):
 
 
 @pytest.mark.parametrize("command", [b"S6", b"O"])
-def test_one_that_answers_all_but_one_command_is_an_error_that_says_which(command):
+def test_one_that_answers_all_but_one_command_is_an_error_that_says_which(command: bytes) -> None:
     class Forgetful(Adapter):
-        def answer(self, data):
+        def answer(self, data: bytes) -> bytes:
             return b"" if data == command + b"\r" else super().answer(data)
 
     assert refused(Forgetful()) == f"the adapter does not answer {command.decode()}"
 
 
-def test_what_talks_but_is_no_adapter_is_refused_in_bounded_time():
+def test_what_talks_but_is_no_adapter_is_refused_in_bounded_time() -> None:
     """A GPS receiver, say, or an adapter at another baud rate."""
 
     class Talking(Silent):
-        def unasked(self):
+        def unasked(self) -> bytes:
             return b"\xf8\x80garbage"
 
     started_s = time.monotonic()
@@ -266,7 +267,7 @@ def test_what_talks_but_is_no_adapter_is_refused_in_bounded_time():
     assert time.monotonic() - started_s < SOON_S + 1.5
 
 
-def test_a_line_that_takes_no_commands_is_an_error_in_bounded_time(monkeypatch):
+def test_a_line_that_takes_no_commands_is_an_error_in_bounded_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(SerialLine, "write", lambda *_: 0)
     assert refused(Silent()) == "the adapter takes no commands"
 
@@ -285,26 +286,26 @@ NO_ADAPTER = {
 
 
 @pytest.mark.parametrize(("channel", "why"), NO_ADAPTER.items(), ids=[name or "nothing" for name in NO_ADAPTER])
-def test_what_is_no_line_is_one_clear_error(channel, why):
+def test_what_is_no_line_is_one_clear_error(channel: str, why: str) -> None:
     with pytest.raises(BusError) as caught:
         BusAddress("slcan", channel, BITRATE).open(IDS)
     assert str(caught.value).startswith(f"bus slcan {channel!r} at 500000 bit/s can't be opened: ")
     assert why.lower() in str(caught.value).lower()
 
 
-def test_a_device_that_another_program_has_open_is_refused():
+def test_a_device_that_another_program_has_open_is_refused() -> None:
     adapter = Adapter()
     with plugged(adapter) as path, SlcanBus(path), pytest.raises(BusError, match="lock"):
         BusAddress("slcan", path, BITRATE).open(IDS)
 
 
-def test_a_baud_rate_may_stand_behind_the_device():
+def test_a_baud_rate_may_stand_behind_the_device() -> None:
     adapter = Adapter()
     with plugged(adapter) as path, SlcanBus(f"{path}@57600") as bus:
         assert bus._line._port.baudrate == 57_600
 
 
-def test_one_that_goes_while_it_is_opened_is_an_error():
+def test_one_that_goes_while_it_is_opened_is_an_error() -> None:
     master, path = open_pty()
     gone = threading.Timer(0.15, os.close, [master])
     gone.start()

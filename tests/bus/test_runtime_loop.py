@@ -2,20 +2,21 @@
 
 from functools import partial
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 
 from firmware_sim.frames import NodeState
 from hil.core import controller
-from tests.bus.runtime_bench import MS, PERIOD_NS, bench_in
+from tests.bus.runtime_bench import MS, PERIOD_NS, Bench, bench_in
 
 
 @pytest.fixture
-def bench(tmp_path):
+def bench(tmp_path: Path) -> partial[Bench]:
     return partial(bench_in, tmp_path)
 
 
-def test_steps_lie_on_absolute_deadlines_and_the_run_completes(bench):
+def test_steps_lie_on_absolute_deadlines_and_the_run_completes(bench: partial[Bench]) -> None:
     run = bench()
     outcome = run.run()
     assert (outcome.status, outcome.reason, outcome.commands_lost) == ("complete", "duration over", 0)
@@ -27,7 +28,9 @@ def test_steps_lie_on_absolute_deadlines_and_the_run_completes(bench):
 
 
 @pytest.mark.parametrize(("stall_ms", "skipped"), [(40, 0), (99, 0), (150, 0), (199, 0), (201, 1), (240, 1)])
-def test_a_late_step_is_made_once_and_what_was_missed_is_skipped(bench, stall_ms, skipped):
+def test_a_late_step_is_made_once_and_what_was_missed_is_skipped(
+    bench: partial[Bench], stall_ms: int, skipped: int
+) -> None:
     """The stall begins at 1000 ms, right after a step; the next deadlines are 1100 and 1200 ms, stall or not."""
     run = bench(stalls={1000 * MS: stall_ms * MS})
     outcome = run.run()
@@ -40,7 +43,9 @@ def test_a_late_step_is_made_once_and_what_was_missed_is_skipped(bench, stall_ms
     assert late == pytest.approx(max(stall_ms - 100, 0) * 1e-3, abs=1e-6)
 
 
-def test_after_a_long_stall_the_node_has_tripped_and_the_controller_trips_without_a_burst(bench):
+def test_after_a_long_stall_the_node_has_tripped_and_the_controller_trips_without_a_burst(
+    bench: partial[Bench],
+) -> None:
     run = bench(stalls={1000 * MS: 1050 * MS})
     outcome = run.run()
     assert (outcome.status, outcome.reason) == ("tripped", "node_tripped")
@@ -55,7 +60,7 @@ def test_after_a_long_stall_the_node_has_tripped_and_the_controller_trips_withou
 
 
 @pytest.mark.parametrize("error", [OSError("disk"), ZeroDivisionError(), KeyboardInterrupt(), SystemExit(1)])
-def test_whatever_leaves_the_loop_zero_volts_is_the_last_frame(bench, error):
+def test_whatever_leaves_the_loop_zero_volts_is_the_last_frame(bench: partial[Bench], error: BaseException) -> None:
     run = bench(error_at=8, error=error)
     with pytest.raises(type(error)):
         run.run()
@@ -64,7 +69,7 @@ def test_whatever_leaves_the_loop_zero_volts_is_the_last_frame(bench, error):
     run.assert_ended_at_rest()
 
 
-def test_a_stop_ramps_down_and_ends_stopped(bench):
+def test_a_stop_ramps_down_and_ends_stopped(bench: partial[Bench]) -> None:
     run = bench()
     outcome = run.run(lambda: "SIGTERM" if len(run.ticks.records) >= 10 else "")
     assert (outcome.status, outcome.reason) == ("stopped", "SIGTERM")
@@ -76,17 +81,17 @@ def test_a_stop_ramps_down_and_ends_stopped(bench):
     assert run.port.rig.truth().pump_state is NodeState.READY
 
 
-def test_a_stop_before_arming_moves_nothing(bench):
+def test_a_stop_before_arming_moves_nothing(bench: partial[Bench]) -> None:
     run = bench()
     outcome = run.run(lambda: "SIGINT")
     assert (outcome.status, outcome.reason) == ("stopped", "SIGINT")
     assert not any(command.enable for _, command in run.port.sent)
 
 
-def test_a_bus_that_goes_down_trips_in_the_next_step_and_the_loop_does_not_spin(bench):
+def test_a_bus_that_goes_down_trips_in_the_next_step_and_the_loop_does_not_spin(bench: partial[Bench]) -> None:
     run = bench()
 
-    def drop_the_bus():
+    def drop_the_bus() -> str:
         if len(run.ticks.records) == 10:
             run.port.is_up = False
         return ""
@@ -100,7 +105,7 @@ def test_a_bus_that_goes_down_trips_in_the_next_step_and_the_loop_does_not_spin(
     assert (last.enable, last.command_V) == (False, (0.0, 0.0))
 
 
-def test_a_rig_that_never_gets_ready_ends_the_run_after_the_arm_timeout(bench):
+def test_a_rig_that_never_gets_ready_ends_the_run_after_the_arm_timeout(bench: partial[Bench]) -> None:
     run = bench()
     run.port.receive = lambda timeout_s: setattr(run.clock, "now", run.clock.now + round(timeout_s * 1e9))
     outcome = run.run()
@@ -110,11 +115,13 @@ def test_a_rig_that_never_gets_ready_ends_the_run_after_the_arm_timeout(bench):
     assert not any(command.enable for _, command in run.port.sent)
 
 
-def test_a_step_that_raises_sends_zero_volts_in_the_same_step(bench, monkeypatch):
+def test_a_step_that_raises_sends_zero_volts_in_the_same_step(
+    bench: partial[Bench], monkeypatch: pytest.MonkeyPatch
+) -> None:
     run = bench()
     step = controller.step
 
-    def failing_at_the_eleventh(config, state, inputs, now_ns):
+    def failing_at_the_eleventh(config, state, inputs, now_ns) -> tuple[controller.ControllerState, controller.Output]:
         if len(run.ticks.records) == 10:
             raise ZeroDivisionError("a bug")
         return step(config, state, inputs, now_ns)

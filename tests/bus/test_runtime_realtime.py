@@ -15,7 +15,7 @@ from hil.edge.host.realtime import STEPS_PER_COLLECTION, RealTime, RealTimeError
 UNPRIVILEGED = 65534
 
 
-def may_use_fifo():
+def may_use_fifo() -> bool:
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
@@ -29,7 +29,7 @@ needs_fifo = pytest.mark.skipif(not may_use_fifo(), reason="this user may not us
 
 
 @pytest.mark.parametrize("priority", [1, 50, 99])
-def test_a_wish_within_range_is_granted_as_it_is(priority):
+def test_a_wish_within_range_is_granted_as_it_is(priority: int) -> None:
     assert wish(True, priority, None) == RealTime(priority, None)
     assert wish(True, None, min(os.sched_getaffinity(0))) == RealTime(80, min(os.sched_getaffinity(0)))
     assert wish(False, None, None) is None
@@ -46,13 +46,15 @@ def test_a_wish_within_range_is_granted_as_it_is(priority):
         ((False, None, 0), "--priority and --cpu belong to --realtime"),
     ],
 )
-def test_a_wish_that_no_privilege_makes_possible_is_one_line(arguments, says):
+def test_a_wish_that_no_privilege_makes_possible_is_one_line(
+    arguments: tuple[bool, int | None, int | None], says: str
+) -> None:
     with pytest.raises(RealTimeError, match=says):
         wish(*arguments)
 
 
 @needs_fifo
-def test_what_is_granted_holds_for_this_thread_and_is_given_back():
+def test_what_is_granted_holds_for_this_thread_and_is_given_back() -> None:
     cpu, before = min(os.sched_getaffinity(0)), os.sched_getaffinity(0)
     seen = []
     with realtime.granted(RealTime(42, cpu)):
@@ -67,9 +69,9 @@ def test_what_is_granted_holds_for_this_thread_and_is_given_back():
     assert os.sched_getaffinity(0) == before
 
 
-def test_what_was_there_at_the_start_is_not_searched_for_garbage_and_the_rest_is():
+def test_what_was_there_at_the_start_is_not_searched_for_garbage_and_the_rest_is() -> None:
     class Knot:
-        def __init__(self):
+        def __init__(self) -> None:
             self.me = self
 
     with realtime.granted(RealTime()) as granted:
@@ -84,7 +86,7 @@ def test_what_was_there_at_the_start_is_not_searched_for_garbage_and_the_rest_is
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="gives privileges up, which only root has")
-def test_without_privileges_each_refusal_names_what_is_missing_and_the_run_goes_on():
+def test_without_privileges_each_refusal_names_what_is_missing_and_the_run_goes_on() -> None:
     script = (
         "import os, resource\n"
         "from hil.edge.host import realtime\n"
@@ -103,7 +105,7 @@ def test_without_privileges_each_refusal_names_what_is_missing_and_the_run_goes_
 
 
 @pytest.mark.parametrize("ahead_ms", [-5, 0, 1, 20])
-def test_the_clock_never_returns_before_a_deadline(ahead_ms):
+def test_the_clock_never_returns_before_a_deadline(ahead_ms: int) -> None:
     clock = MonotonicClock()
     deadline_ns = clock.now_ns() + ahead_ms * 1_000_000
     clock.sleep_until(deadline_ns)

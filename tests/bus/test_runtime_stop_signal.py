@@ -12,7 +12,7 @@ BOTH = [signal.SIGINT, signal.SIGTERM]
 
 
 @pytest.mark.parametrize("number", BOTH)
-def test_the_first_signal_is_only_noted(number):
+def test_the_first_signal_is_only_noted(number: signal.Signals) -> None:
     with StopSignal() as stop:
         assert stop.received is None
         os.kill(os.getpid(), number)
@@ -21,7 +21,7 @@ def test_the_first_signal_is_only_noted(number):
 
 @pytest.mark.parametrize("first", BOTH)
 @pytest.mark.parametrize("second", BOTH)
-def test_the_second_signal_interrupts(first, second):
+def test_the_second_signal_interrupts(first: signal.Signals, second: signal.Signals) -> None:
     with StopSignal() as stop:
         os.kill(os.getpid(), first)
         with pytest.raises(KeyboardInterrupt):
@@ -29,14 +29,14 @@ def test_the_second_signal_interrupts(first, second):
         assert stop.received is first
 
 
-def test_the_handlers_before_are_put_back_whatever_happens():
+def test_the_handlers_before_are_put_back_whatever_happens() -> None:
     before = [signal.getsignal(number) for number in BOTH]
     with pytest.raises(ZeroDivisionError), StopSignal():
         raise ZeroDivisionError
     assert [signal.getsignal(number) for number in BOTH] == before
 
 
-def test_the_clock_sleeps_to_a_deadline_and_not_past_ones():
+def test_the_clock_sleeps_to_a_deadline_and_not_past_ones() -> None:
     clock = MonotonicClock()
     deadline_ns = clock.now_ns() + 20_000_000
     clock.sleep_until(deadline_ns)

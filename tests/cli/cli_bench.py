@@ -27,12 +27,12 @@ class Result:
     err: str
 
 
-def scenario_text(*, duration="20.0", name="short", more=""):
+def scenario_text(*, duration: str = "20.0", name: str = "short", more: str = "") -> str:
     head = f'[scenario]\nname = "{name}"\nduration_s = {duration}\n'
     return more if "[scenario]" in more else f"{head}{more}"
 
 
-def config_copy(folder, *, file="", old="", new=""):
+def config_copy(folder: Path, *, file: str = "", old: str = "", new: str = "") -> Path:
     """The shipped configuration with one piece of one file replaced; the piece must be there."""
     copy = shutil.copytree(CONFIG, folder)
     if file:
@@ -43,7 +43,7 @@ def config_copy(folder, *, file="", old="", new=""):
     return copy
 
 
-def run_script(name, *arguments, timeout_s=60.0):
+def run_script(name: str, *arguments: str | Path | int, timeout_s: float = 60.0) -> Result:
     """The real console script in its own process."""
     done = subprocess.run(
         [BIN / name, *map(str, arguments)], capture_output=True, text=True, timeout=timeout_s, check=False
@@ -51,7 +51,7 @@ def run_script(name, *arguments, timeout_s=60.0):
     return Result(done.returncode, done.stdout, done.stderr)
 
 
-def assert_refused(result, *named):
+def assert_refused(result: Result, *named: str | Path) -> None:
     """Exit code 2 and one plain line on stderr that names all of this."""
     assert result.code == 2, result
     assert re.fullmatch(r"(hil|firmware-sim): [^\n]+\n", result.err), result.err
@@ -67,7 +67,7 @@ class CommandLine:
     monkeypatch: pytest.MonkeyPatch
     capfd: pytest.CaptureFixture[str]
 
-    def __call__(self, name, *arguments):
+    def __call__(self, name, *arguments) -> Result:
         self.monkeypatch.setattr(sys, "argv", [name, *map(str, arguments)])
         self.capfd.readouterr()
         with pytest.raises(SystemExit) as ending:

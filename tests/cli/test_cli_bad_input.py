@@ -3,10 +3,12 @@
 import contextlib
 import os
 import socket
+from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
-from tests.cli.cli_bench import CONFIG, assert_refused, config_copy, run_script, scenario_text
+from tests.cli.cli_bench import CONFIG, CommandLine, assert_refused, config_copy, run_script, scenario_text
 from tests.live.live_bench import lone_adapter
 
 BAD_SCENARIOS = {
@@ -166,7 +168,7 @@ BAD_FILES = {
 }
 
 
-def bad_files(*files):
+def bad_files(*files: str):
     return [
         pytest.param(file, *case[:2], case[2:], id=f"{file}: {name}")
         for file in files
@@ -174,14 +176,14 @@ def bad_files(*files):
     ]
 
 
-def cases(table):
+def cases(table: dict[str, tuple[str, ...]]) -> pytest.MarkDecorator:
     return pytest.mark.parametrize(
         ("text", "named"), [pytest.param(case[0], case[1:], id=name) for name, case in table.items()]
     )
 
 
 @pytest.fixture
-def before(tmp_path):
+def before(tmp_path: Path) -> Iterator[Path]:
     """Asserts afterwards that the command has made no file or folder."""
     (tmp_path / "scenario.toml").touch()
     yield tmp_path / "scenario.toml"
@@ -189,13 +191,17 @@ def before(tmp_path):
 
 
 @cases({**BAD_SCENARIOS, **{f"emulator, {name}": case for name, case in BAD_EMULATOR_TABLES.items()}})
-def test_simulate_refuses_a_bad_scenario(command_line, before, text, named):
+def test_simulate_refuses_a_bad_scenario(
+    command_line: CommandLine, before: Path, text: str, named: tuple[str, ...]
+) -> None:
     before.write_text(scenario_text(more=text))
     assert_refused(command_line("hil", "simulate", before), before, *named)
 
 
 @cases(BAD_SCENARIOS)
-def test_run_refuses_a_bad_scenario_before_it_opens_a_bus(command_line, before, text, named):
+def test_run_refuses_a_bad_scenario_before_it_opens_a_bus(
+    command_line: CommandLine, before: Path, text: str, named: tuple[str, ...]
+) -> None:
     before.write_text(scenario_text(more=text))
     with socket.create_server(("127.0.0.1", 0)) as nobody:
         nobody.setblocking(False)
@@ -215,21 +221,27 @@ def test_run_refuses_a_bad_scenario_before_it_opens_a_bus(command_line, before, 
         },
     }
 )
-def test_the_emulator_refuses_its_part_of_a_bad_scenario(command_line, before, text, named):
+def test_the_emulator_refuses_its_part_of_a_bad_scenario(
+    command_line: CommandLine, before: Path, text: str, named: tuple[str, ...]
+) -> None:
     before.write_text(scenario_text(more=text))
     named = tuple(what for what in named if what != "is not TOML")
     assert_refused(command_line("firmware-sim", "--slcan", 0, "--scenario", before), before, *named)
 
 
 @pytest.mark.parametrize(("file", "old", "new", "named"), bad_files("rig.toml", "emulator.toml", "bench.dbc"))
-def test_simulate_refuses_a_bad_configuration_file(command_line, before, tmp_path, file, old, new, named):
+def test_simulate_refuses_a_bad_configuration_file(
+    command_line: CommandLine, before: Path, tmp_path: Path, file: str, old: str, new: str, named: tuple[str, ...]
+) -> None:
     before.write_text(scenario_text())
     config = config_copy(tmp_path / "config", file=file, old=old, new=new)
     assert_refused(command_line("hil", "simulate", before, "--config", config), config / file, *named)
 
 
 @pytest.mark.parametrize(("file", "old", "new", "named"), bad_files("rig.toml", "bench.dbc"))
-def test_run_refuses_a_bad_configuration_file(command_line, before, tmp_path, file, old, new, named):
+def test_run_refuses_a_bad_configuration_file(
+    command_line: CommandLine, before: Path, tmp_path: Path, file: str, old: str, new: str, named: tuple[str, ...]
+) -> None:
     before.write_text(scenario_text())
     config = config_copy(tmp_path / "config", file=file, old=old, new=new)
     assert_refused(command_line("hil", "run", before, "--config", config), config / file, *named)
@@ -237,14 +249,18 @@ def test_run_refuses_a_bad_configuration_file(command_line, before, tmp_path, fi
 
 @pytest.mark.parametrize(("file", "old", "new", "named"), bad_files("rig.toml"))
 @pytest.mark.usefixtures("before")
-def test_design_refuses_a_bad_rig_file(command_line, tmp_path, file, old, new, named):
+def test_design_refuses_a_bad_rig_file(
+    command_line: CommandLine, tmp_path: Path, file: str, old: str, new: str, named: tuple[str, ...]
+) -> None:
     config = config_copy(tmp_path / "config", file=file, old=old, new=new)
     assert_refused(command_line("hil", "design", "--config", config, "--out", tmp_path / "x"), config / file, *named)
 
 
 @pytest.mark.parametrize(("file", "old", "new", "named"), bad_files("emulator.toml"))
 @pytest.mark.usefixtures("before")
-def test_the_emulator_refuses_a_bad_file_of_its_own(command_line, tmp_path, file, old, new, named):
+def test_the_emulator_refuses_a_bad_file_of_its_own(
+    command_line: CommandLine, tmp_path: Path, file: str, old: str, new: str, named: tuple[str, ...]
+) -> None:
     config = config_copy(tmp_path / "config", file=file, old=old, new=new)
     arguments = ("--slcan", 0, "--config", config, "--record", tmp_path / "x")
     assert_refused(command_line("firmware-sim", *arguments), config / file, *named)
@@ -252,7 +268,9 @@ def test_the_emulator_refuses_a_bad_file_of_its_own(command_line, tmp_path, file
 
 @pytest.mark.parametrize("file", ["rig.toml", "emulator.toml", "bench.dbc"])
 @pytest.mark.parametrize("kind", ["missing", "directory", "not text"])
-def test_a_configuration_file_that_can_not_be_read_is_named(command_line, before, tmp_path, file, kind):
+def test_a_configuration_file_that_can_not_be_read_is_named(
+    command_line: CommandLine, before: Path, tmp_path: Path, file: str, kind: str
+) -> None:
     before.write_text(scenario_text())
     config = config_copy(tmp_path / "config")
     (config / file).unlink()
@@ -267,7 +285,9 @@ def test_a_configuration_file_that_can_not_be_read_is_named(command_line, before
 
 @pytest.mark.parametrize("command", [("hil", "simulate"), ("hil", "run"), ("firmware-sim", "--slcan", 0, "--scenario")])
 @pytest.mark.parametrize("kind", ["missing", "directory", "not text"])
-def test_a_scenario_that_can_not_be_read_is_named(command_line, tmp_path, command, kind):
+def test_a_scenario_that_can_not_be_read_is_named(
+    command_line: CommandLine, tmp_path: Path, command: tuple[str | int, ...], kind: str
+) -> None:
     scenario = tmp_path / "there.toml"
     if kind == "directory":
         scenario.mkdir()
@@ -277,7 +297,7 @@ def test_a_scenario_that_can_not_be_read_is_named(command_line, tmp_path, comman
 
 
 @pytest.mark.parametrize("command", ["simulate", "run"])
-def test_a_folder_that_exists_is_not_touched(command_line, tmp_path, command):
+def test_a_folder_that_exists_is_not_touched(command_line: CommandLine, tmp_path: Path, command: str) -> None:
     scenario = tmp_path / "s.toml"
     scenario.write_text(scenario_text())
     out = tmp_path / "taken"
@@ -290,7 +310,7 @@ def test_a_folder_that_exists_is_not_touched(command_line, tmp_path, command):
 
 
 @pytest.mark.parametrize("command", ["simulate", "design"])
-def test_a_folder_that_can_not_be_made_is_named(command_line, tmp_path, command):
+def test_a_folder_that_can_not_be_made_is_named(command_line: CommandLine, tmp_path: Path, command: str) -> None:
     """/proc takes no folders from anybody, root included."""
     scenario = tmp_path / "s.toml"
     scenario.write_text(scenario_text())
@@ -299,7 +319,7 @@ def test_a_folder_that_can_not_be_made_is_named(command_line, tmp_path, command)
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
-def test_a_folder_without_leave_to_write_is_named(command_line, tmp_path):
+def test_a_folder_without_leave_to_write_is_named(command_line: CommandLine, tmp_path: Path) -> None:
     scenario = tmp_path / "s.toml"
     scenario.write_text(scenario_text())
     locked = tmp_path / "locked"
@@ -331,14 +351,16 @@ BAD_OPTIONS = {
 
 
 @pytest.mark.parametrize("case", BAD_OPTIONS.values(), ids=BAD_OPTIONS.keys())
-def test_a_bad_option_is_refused_in_one_line(command_line, before, case):
+def test_a_bad_option_is_refused_in_one_line(
+    command_line: CommandLine, before: Path, case: tuple[str | tuple[str, ...], ...]
+) -> None:
     before.write_text(scenario_text())
     name, arguments, *named = case
     filled = [argument.format(s=before) for argument in arguments]
     assert_refused(command_line(name, *filled), *(what.format(s=before) for what in named))
 
 
-def nobody_listens_there():
+def nobody_listens_there() -> str:
     with socket.create_server(("127.0.0.1", 0)) as server:
         return f"socket://127.0.0.1:{server.getsockname()[1]}"
 
@@ -353,13 +375,15 @@ BAD_BUSES = {
 
 
 @pytest.mark.parametrize("case", BAD_BUSES.values(), ids=BAD_BUSES.keys())
-def test_run_refuses_a_bus_that_can_not_be_opened(command_line, before, case):
+def test_run_refuses_a_bus_that_can_not_be_opened(
+    command_line: CommandLine, before: Path, case: tuple[str | tuple[()], ...]
+) -> None:
     before.write_text(scenario_text())
     interface, channel, options, *named = case
     assert_refused(command_line("hil", "run", before, "-i", interface, "-c", channel, *options), "bus", *named)
 
 
-def test_a_bit_rate_that_the_adapter_does_not_know_is_named(command_line, before):
+def test_a_bit_rate_that_the_adapter_does_not_know_is_named(command_line: CommandLine, before: Path) -> None:
     before.write_text(scenario_text())
     with socket.create_server(("127.0.0.1", 0)) as server:
         channel = f"socket://127.0.0.1:{server.getsockname()[1]}"
@@ -367,7 +391,7 @@ def test_a_bit_rate_that_the_adapter_does_not_know_is_named(command_line, before
     assert_refused(result, channel, "123456", "500000")
 
 
-def test_a_kernel_without_socketcan_is_named(command_line, before):
+def test_a_kernel_without_socketcan_is_named(command_line: CommandLine, before: Path) -> None:
     with contextlib.suppress(OSError):
         socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
         pytest.skip("this kernel has SocketCAN")
@@ -376,7 +400,7 @@ def test_a_kernel_without_socketcan_is_named(command_line, before):
     assert_refused(command_line("firmware-sim", "-i", "socketcan", "-c", "can0"), "socketcan", "no SocketCAN")
 
 
-def test_the_console_scripts_themselves_end_in_one_line(tmp_path):
+def test_the_console_scripts_themselves_end_in_one_line(tmp_path: Path) -> None:
     bad = tmp_path / "bad.toml"
     bad.write_text(scenario_text(more="[rig]\npumps.colour = 1"))
     out = tmp_path / "x"
@@ -386,7 +410,7 @@ def test_the_console_scripts_themselves_end_in_one_line(tmp_path):
     assert not out.exists()
 
 
-def test_hil_alone_shows_its_help(command_line):
+def test_hil_alone_shows_its_help(command_line: CommandLine) -> None:
     result = command_line("hil")
     assert result.code == 2
     assert result.err == ""

@@ -1,6 +1,7 @@
 """`hil demo`: its runs can be built, and its tables say what the runs came to."""
 
 from io import StringIO
+from pathlib import Path
 
 from rich.console import Console
 
@@ -12,20 +13,20 @@ from hil.review import table3
 from tests.cli.cli_bench import CONFIG
 
 
-def drawn(figures):
+def drawn(figures: dict[str, Figures]):
     console = Console(file=StringIO(), width=90)
     for part in both(figures, demo_command.RIGS):
         console.print(part)
     return console.file.getvalue()
 
 
-def row(text, *names):
+def row(text, *names: str):
     """The cells of the one row of the last table that has these words."""
     (line,) = (line for line in text.split("Nobody tells")[1].splitlines() if all(name in line for name in names))
     return [cell.strip() for cell in line.strip("│").split("│")]
 
 
-def test_every_run_can_be_built_and_only_two_are_recorded(tmp_path):
+def test_every_run_can_be_built_and_only_two_are_recorded(tmp_path: Path) -> None:
     jobs = demo_command._jobs(CONFIG, tmp_path)
     for name, job in jobs.items():
         check(Case("key", name, name, job.seed, job.story), CONFIG, name)
@@ -33,7 +34,7 @@ def test_every_run_can_be_built_and_only_two_are_recorded(tmp_path):
     assert jobs["both recorded"].story["diagnosis"]["method"] == "glr", "the recording shows the diagnosis at work"
 
 
-def test_the_diagnosis_shows_its_median_over_the_rigs(tmp_path):
+def test_the_diagnosis_shows_its_median_over_the_rigs(tmp_path: Path) -> None:
     iae = dict.fromkeys(table3.TITLES, (5.0, 6.0))
     figures = dict.fromkeys(demo_command._jobs(CONFIG, tmp_path), Figures(iae))
     for seed, (y1, detected) in zip(demo_command.RIGS, ((0.1, 0.2), (0.3, None), (0.2, 0.4)), strict=True):

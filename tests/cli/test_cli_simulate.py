@@ -2,12 +2,13 @@
 
 import json
 import os
+from pathlib import Path
 
 import pytest
 
 from hil.edge.record.run_folder import RunFolder
 from hil.review.ticks import read
-from tests.cli.cli_bench import CONFIG, assert_refused, config_copy, run_script, scenario_text
+from tests.cli.cli_bench import CONFIG, CommandLine, Result, assert_refused, config_copy, run_script, scenario_text
 
 FAULTY = """
 [scenario]
@@ -32,7 +33,7 @@ RECORD = ("can.log", "sent.log", "ticks.csv", "events.jsonl")
 
 
 @pytest.fixture(scope="module")
-def faulty_run(tmp_path_factory):
+def faulty_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Result, Path]:
     """A run of 30 s with a reference step and a fault, through the console script: folder, and what was printed."""
     folder = tmp_path_factory.mktemp("simulate")
     scenario = folder / "faulty.toml"
@@ -42,24 +43,24 @@ def faulty_run(tmp_path_factory):
     return folder / "run", result, scenario
 
 
-def figures(folder):
+def figures(folder: Path):
     return json.loads((folder / "kpi.json").read_text())
 
 
-def simulate(command_line, scenario, out, *options, code=0):
+def simulate(command_line: CommandLine, scenario: Path, out: Path, *options: str | int | Path, code: int = 0) -> Path:
     result = command_line("hil", "simulate", scenario, "--out", out, "--no-rerun", "--no-report", *options)
     assert result.code == code, result
     return out
 
 
 @pytest.fixture
-def scenario(tmp_path):
+def scenario(tmp_path: Path) -> Path:
     path = tmp_path / "faulty.toml"
     path.write_text(FAULTY)
     return path
 
 
-def test_a_run_leaves_every_file_and_says_where(faulty_run):
+def test_a_run_leaves_every_file_and_says_where(faulty_run: tuple[Path, Result, Path]) -> None:
     folder, result, _ = faulty_run
     assert {path.name for path in folder.iterdir()} == {*RECORD, "run.json", "run.rrd", "kpi.json", "report.html"}
     assert all(path.stat().st_size > 0 for path in folder.iterdir())
@@ -69,7 +70,7 @@ def test_a_run_leaves_every_file_and_says_where(faulty_run):
     assert result.err == ""
 
 
-def test_key_figures_are_complete_and_fit_the_run(faulty_run):
+def test_key_figures_are_complete_and_fit_the_run(faulty_run: tuple[Path, Result, Path]) -> None:
     kpi = figures(faulty_run[0])
     assert set(kpi["iae_Vs"]) == {"after_the_fault"}
     assert all(0.0 < iae < 15.0 * 0.5 for iae in kpi["iae_Vs"]["after_the_fault"])
@@ -88,7 +89,7 @@ def test_key_figures_are_complete_and_fit_the_run(faulty_run):
     assert (kpi["commands"]["commands_lost"], kpi["commands"]["frames_lost"]) == (0, 0)
 
 
-def test_the_record_of_a_run_holds_the_configuration_it_ran_on(faulty_run):
+def test_the_record_of_a_run_holds_the_configuration_it_ran_on(faulty_run: tuple[Path, Result, Path]) -> None:
     folder, _, scenario = faulty_run
     run = json.loads((folder / "run.json").read_text())
     assert (run["status"], run["mode"], run["seed"], run["scenario"]) == ("complete", "lockstep", 7, "faulty")
@@ -98,7 +99,9 @@ def test_the_record_of_a_run_holds_the_configuration_it_ran_on(faulty_run):
     }
 
 
-def test_the_same_seed_gives_the_same_bytes_and_another_seed_does_not(faulty_run, command_line, scenario, tmp_path):
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_does_not(
+    faulty_run: tuple[Path, Result, Path], command_line: CommandLine, scenario: Path, tmp_path: Path
+) -> None:
     """Across processes: the fixture's run was made by the console script, these are not."""
     first = faulty_run[0]
     again = simulate(command_line, scenario, tmp_path / "again", "--seed", 7)
@@ -109,26 +112,32 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_does_not(faulty_run
         assert (other / name).read_bytes() != (first / name).read_bytes(), name
 
 
-def test_a_second_run_into_the_same_folder_is_refused_and_changes_nothing(faulty_run, command_line):
+def test_a_second_run_into_the_same_folder_is_refused_and_changes_nothing(
+    faulty_run: tuple[Path, Result, Path], command_line: CommandLine
+) -> None:
     folder, _, scenario = faulty_run
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     assert_refused(command_line("hil", "simulate", scenario, "--out", folder), folder, "exists already")
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
-def test_duration_cuts_the_run_short(command_line, scenario, tmp_path):
+def test_duration_cuts_the_run_short(command_line: CommandLine, scenario: Path, tmp_path: Path) -> None:
     kpi = figures(simulate(command_line, scenario, tmp_path / "cut", "--duration", 6))
     assert kpi["ticks"] == 60
     assert (kpi["status"], kpi["alarms"]) == ("complete", [])
     assert kpi["iae_covered_s"] == {"after_the_fault": 0.0}
 
 
-def test_without_rerun_and_report_only_the_plain_record_is_left(command_line, scenario, tmp_path):
+def test_without_rerun_and_report_only_the_plain_record_is_left(
+    command_line: CommandLine, scenario: Path, tmp_path: Path
+) -> None:
     folder = simulate(command_line, scenario, tmp_path / "plain", "--duration", 2)
     assert {path.name for path in folder.iterdir()} == {*RECORD, "run.json", "kpi.json"}
 
 
-def test_a_scenario_of_nothing_but_name_and_length_holds_the_operating_point(command_line, tmp_path):
+def test_a_scenario_of_nothing_but_name_and_length_holds_the_operating_point(
+    command_line: CommandLine, tmp_path: Path
+) -> None:
     bare = tmp_path / "bare.toml"
     bare.write_text(scenario_text(name="bare"))
     kpi = figures(simulate(command_line, bare, tmp_path / "bare"))
@@ -136,7 +145,7 @@ def test_a_scenario_of_nothing_but_name_and_length_holds_the_operating_point(com
     assert all(2.5 < volts < 3.5 for volts in kpi["applied_max_V"])
 
 
-def test_the_default_folder_lies_below_runs_and_carries_the_name(command_line, tmp_path):
+def test_the_default_folder_lies_below_runs_and_carries_the_name(command_line: CommandLine, tmp_path: Path) -> None:
     bare = tmp_path / "bare.toml"
     bare.write_text(scenario_text(name="bare", duration="2.0"))
     assert command_line("hil", "simulate", bare, "--no-rerun", "--no-report").code == 0
@@ -144,7 +153,9 @@ def test_the_default_folder_lies_below_runs_and_carries_the_name(command_line, t
     assert folder.name.endswith("_bare")
 
 
-def test_the_emulators_table_reaches_the_emulator_and_not_the_controller(command_line, tmp_path):
+def test_the_emulators_table_reaches_the_emulator_and_not_the_controller(
+    command_line: CommandLine, tmp_path: Path
+) -> None:
     """Tanks that start lower than the controller believes: equilibrium levels go with the square of the voltage."""
     usual, low = tmp_path / "usual.toml", tmp_path / "low.toml"
     usual.write_text(scenario_text(duration="2.0"))
@@ -169,7 +180,7 @@ safety.level_max_cm = 12.9
 """
 
 
-def test_a_rig_that_is_about_to_overflow_trips_with_exit_code_3(command_line, tmp_path):
+def test_a_rig_that_is_about_to_overflow_trips_with_exit_code_3(command_line: CommandLine, tmp_path: Path) -> None:
     """A weak pump, driven up by the integrals and suddenly whole again, lifts the level over a low trip level."""
     scenario = tmp_path / "over.toml"
     scenario.write_text(scenario_text(name="over", duration="90.0", more=RECOVERED_PUMP))
@@ -183,7 +194,9 @@ def test_a_rig_that_is_about_to_overflow_trips_with_exit_code_3(command_line, tm
     assert trip["t_s"] > 60.0
 
 
-def test_a_rig_that_can_not_be_armed_ends_with_exit_code_4_and_says_why(command_line, tmp_path):
+def test_a_rig_that_can_not_be_armed_ends_with_exit_code_4_and_says_why(
+    command_line: CommandLine, tmp_path: Path
+) -> None:
     scenario = tmp_path / "full.toml"
     more = "[emulator]\ntanks.start_V = [3.6, 3.6]\n[rig]\nsafety.level_max_cm = 13.5\nsafety.arm_timeout_s = 1.0"
     scenario.write_text(scenario_text(name="full", more=more))
@@ -193,7 +206,7 @@ def test_a_rig_that_can_not_be_armed_ends_with_exit_code_4_and_says_why(command_
     assert kpi["reason"].startswith("not ready within 1 s: a tank is about to overflow: levels of 1")
 
 
-def test_both_twins_read_the_configuration_folder_that_is_named(command_line, tmp_path):
+def test_both_twins_read_the_configuration_folder_that_is_named(command_line: CommandLine, tmp_path: Path) -> None:
     bare = tmp_path / "bare.toml"
     bare.write_text(scenario_text(name="bare", duration="2.0"))
     config = config_copy(
@@ -203,7 +216,9 @@ def test_both_twins_read_the_configuration_folder_that_is_named(command_line, tm
     assert "The Voltage" in json.loads((folder / "run.json").read_text())["copies"]["bench.dbc"]
 
 
-def test_report_lays_two_runs_side_by_side(faulty_run, command_line, scenario, tmp_path):
+def test_report_lays_two_runs_side_by_side(
+    faulty_run: tuple[Path, Result, Path], command_line: CommandLine, scenario: Path, tmp_path: Path
+) -> None:
     first = faulty_run[0]
     second = simulate(command_line, scenario, tmp_path / "second", "--seed", 8)
     (second / "kpi.json").unlink()
@@ -216,12 +231,14 @@ def test_report_lays_two_runs_side_by_side(faulty_run, command_line, scenario, t
 
 
 @pytest.mark.parametrize("command", ["report", "view"])
-def test_what_is_no_run_folder_is_refused(command_line, tmp_path, command):
+def test_what_is_no_run_folder_is_refused(command_line: CommandLine, tmp_path: Path, command: str) -> None:
     for folder in (tmp_path / "nothing", tmp_path):
         assert_refused(command_line("hil", command, folder), folder, "not a run folder")
 
 
-def test_report_refuses_a_second_folder_that_is_none(faulty_run, command_line, tmp_path):
+def test_report_refuses_a_second_folder_that_is_none(
+    faulty_run: tuple[Path, Result, Path], command_line: CommandLine, tmp_path: Path
+) -> None:
     assert_refused(command_line("hil", "report", faulty_run[0], "--compare", tmp_path), tmp_path, "not a run folder")
 
 
@@ -237,7 +254,9 @@ DAMAGE = {
 
 
 @pytest.mark.parametrize(("file", "content"), DAMAGE.values(), ids=DAMAGE.keys())
-def test_report_names_a_damaged_file_in_one_line(command_line, tmp_path, file, content):
+def test_report_names_a_damaged_file_in_one_line(
+    command_line: CommandLine, tmp_path: Path, file: str, content: bytes | None
+) -> None:
     bare = tmp_path / "bare.toml"
     bare.write_text(scenario_text(name="bare", duration="1.0"))
     folder = simulate(command_line, bare, tmp_path / "run")
@@ -248,7 +267,7 @@ def test_report_names_a_damaged_file_in_one_line(command_line, tmp_path, file, c
     assert_refused(command_line("hil", "report", folder), *named)
 
 
-def test_view_without_a_recording_points_to_the_report(command_line, tmp_path):
+def test_view_without_a_recording_points_to_the_report(command_line: CommandLine, tmp_path: Path) -> None:
     bare = tmp_path / "bare.toml"
     bare.write_text(scenario_text(name="bare", duration="1.0"))
     folder = simulate(command_line, bare, tmp_path / "run")
@@ -256,11 +275,13 @@ def test_view_without_a_recording_points_to_the_report(command_line, tmp_path):
 
 
 @pytest.mark.skipif("DISPLAY" in os.environ or "WAYLAND_DISPLAY" in os.environ, reason="there is a screen here")
-def test_view_without_a_screen_points_to_the_report(faulty_run, command_line):
+def test_view_without_a_screen_points_to_the_report(
+    faulty_run: tuple[Path, Result, Path], command_line: CommandLine
+) -> None:
     assert_refused(command_line("hil", "view", faulty_run[0]), "no screen", faulty_run[0] / "report.html")
 
 
-def test_design_shows_both_designs_and_writes_its_figures(command_line, tmp_path):
+def test_design_shows_both_designs_and_writes_its_figures(command_line: CommandLine, tmp_path: Path) -> None:
     result = command_line("hil", "design", "--out", tmp_path / "figures")
     assert (result.code, result.err) == (0, "")
     assert "Design 'rig'" in result.out
@@ -271,13 +292,13 @@ def test_design_shows_both_designs_and_writes_its_figures(command_line, tmp_path
         assert str(tmp_path / "figures" / name) in result.out
 
 
-def test_design_gives_the_same_figures_again(command_line, tmp_path):
+def test_design_gives_the_same_figures_again(command_line: CommandLine, tmp_path: Path) -> None:
     for name in ("one", "two"):
         assert command_line("hil", "design", "--out", tmp_path / name).code == 0
     assert (tmp_path / "one/step.svg").read_bytes() == (tmp_path / "two/step.svg").read_bytes()
 
 
-def test_version_is_shown(command_line):
+def test_version_is_shown(command_line: CommandLine) -> None:
     result = command_line("hil", "--version")
     assert (result.code, result.err) == (0, "")
     assert result.out.startswith("hil ")

@@ -7,13 +7,14 @@ from itertools import pairwise
 
 import pytest
 
+from tests.closed_loop.conftest import Start
 from tests.closed_loop.loop_reference import Reference, plant_of
 from tests.closed_loop.loop_story import Loss, Run, Step, Story
 
 PERIOD_S = 0.02
 
 
-def story(name: str, duration_s: float, steps: tuple, losses: tuple = (), **choices) -> Story:
+def story(name: str, duration_s: float, steps: tuple, losses: tuple = (), **choices: float | str | bool) -> Story:
     """Windows: between one event and the next, and the whole."""
     edges = sorted({step.at_s for step in steps} | {loss.at_s for loss in losses} | {duration_s})
     windows = [(f"w{i}", a, b) for i, (a, b) in enumerate(pairwise(edges))]
@@ -94,12 +95,12 @@ STORIES = (
 
 
 @pytest.fixture(scope="module")
-def runs(start_run) -> dict[str, Future[Run]]:
+def runs(start_run: Start) -> dict[str, Future[Run]]:
     return {story.name: start_run(story) for story in STORIES}
 
 
 @pytest.mark.parametrize("story", STORIES, ids=lambda story: story.name)
-def test_a_run_agrees_with_the_loop_in_continuous_time(runs, story):
+def test_a_run_agrees_with_the_loop_in_continuous_time(runs: dict[str, Future[Run]], story: Story) -> None:
     """Half a per cent, or 2 mV s where there is next to nothing, at a control period of 20 ms."""
     run = runs[story.name].result()
     assert run.kpi.status == "complete"
@@ -107,7 +108,7 @@ def test_a_run_agrees_with_the_loop_in_continuous_time(runs, story):
         assert run.kpi.iae_Vs[window] == pytest.approx(expected, rel=0.005, abs=0.002), window
 
 
-def test_an_unreachable_reference_is_said_to_be_one(runs):
+def test_an_unreachable_reference_is_said_to_be_one(runs: dict[str, Future[Run]]) -> None:
     run = runs[STORIES[-1].name].result()
     events = [event for event in run.events if event.code == "target"]
     assert [event.t_s for event in events] == [pytest.approx(21.0), pytest.approx(120.0)]

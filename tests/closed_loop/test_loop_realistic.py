@@ -7,6 +7,7 @@ import tomllib
 import numpy as np
 import pytest
 
+from tests.closed_loop.conftest import Start
 from tests.closed_loop.loop_reference import Plant
 from tests.closed_loop.loop_story import CONFIG, Loss, Run, Step, Story, kept, shipped
 
@@ -25,26 +26,26 @@ SHORT = Story(
 
 
 @pytest.fixture(scope="module")
-def pairs(start_run) -> dict[int, tuple[Run, Run]]:
+def pairs(start_run: Start) -> dict[int, tuple[Run, Run]]:
     """Seed -> run with gains reconfigured, run with gains kept."""
     started = {seed: (start_run(SHORT, seed), start_run(kept(SHORT), seed)) for seed in SEEDS}
     return {seed: (ours.result(), theirs.result()) for seed, (ours, theirs) in started.items()}
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_reconfiguration_leaves_a_tenth_of_the_error_or_less(pairs, seed):
+def test_reconfiguration_leaves_a_tenth_of_the_error_or_less(pairs: dict[int, tuple[Run, Run]], seed: int) -> None:
     ours, theirs = pairs[seed]
     for reconfigured, unchanged in zip(ours.kpi.iae_Vs["gain_fall"], theirs.kpi.iae_Vs["gain_fall"], strict=True):
         assert reconfigured < 0.1 * unchanged
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_every_run_keeps_within_the_rig(pairs, seed):
+def test_every_run_keeps_within_the_rig(pairs: dict[int, tuple[Run, Run]], seed: int) -> None:
     for run in pairs[seed]:
         assert_within_the_rig(run)
 
 
-def test_the_shipped_scenario_keeps_within_the_rig_to_its_end(start_run):
+def test_the_shipped_scenario_keeps_within_the_rig_to_its_end(start_run: Start) -> None:
     run = start_run(shipped("paper")).result()
     assert_within_the_rig(run)
     assert run.kpi.duration_s == pytest.approx(500.0, abs=1.0)
@@ -82,11 +83,11 @@ OTHER_TRUTH = Story(
 
 
 @pytest.fixture(scope="module")
-def other_truth(start_run) -> Run:
+def other_truth(start_run: Start) -> Run:
     return start_run(OTHER_TRUTH).result()
 
 
-def test_outputs_settle_on_the_reference_though_the_model_is_three_per_cent_off(other_truth):
+def test_outputs_settle_on_the_reference_though_the_model_is_three_per_cent_off(other_truth: Run) -> None:
     settled = other_truth.columns["t_s"] > 140.0
     settled &= other_truth.columns["t_s"] < 200.0
     y = RIG["sensors"]["gain_V_cm"] * other_truth.levels_cm()[settled, :2]
@@ -95,7 +96,7 @@ def test_outputs_settle_on_the_reference_though_the_model_is_three_per_cent_off(
     assert y.std(axis=0).max() < RIG["sensors"]["noise_V"]
 
 
-def test_what_is_pumped_in_is_what_runs_out_and_what_stays(other_truth):
+def test_what_is_pumped_in_is_what_runs_out_and_what_stays(other_truth: Run) -> None:
     """Volumes worked out from the record alone: applied voltages over the wire, true levels, true parameters."""
     emulator = OTHER_TRUTH.emulator
     plant = Plant(

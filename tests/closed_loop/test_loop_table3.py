@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import pytest
 
+from hil.core.types import Pair
+from tests.closed_loop.conftest import Start
 from tests.closed_loop.loop_reference import Reference
 from tests.closed_loop.loop_story import PAPER, Run, kept, shipped
 
@@ -23,7 +25,7 @@ WIRE_FLOOR_VS = 5e-4
 
 
 @pytest.fixture(scope="module")
-def runs(start_run) -> dict[tuple[str, float], Future[Run]]:
+def runs(start_run: Start) -> dict[tuple[str, float], Future[Run]]:
     futures = {}
     for period_s in reversed(PERIODS_S):  # the long ones first
         for name, story in STORIES.items():
@@ -42,7 +44,9 @@ def continuous() -> dict[str, dict[str, tuple[float, float]]]:
 
 
 @pytest.mark.parametrize(("window", "gains"), TABLE3_VS)
-def test_the_shipped_ideal_scenario_reproduces_table_3(runs, window, gains):
+def test_the_shipped_ideal_scenario_reproduces_table_3(
+    runs: dict[tuple[str, float], Future[Run]], window: str, gains: str
+) -> None:
     kpi = runs[gains, 0.01].result().kpi
     assert kpi.status == "complete"
     assert kpi.iae_source == "truth"
@@ -50,7 +54,9 @@ def test_the_shipped_ideal_scenario_reproduces_table_3(runs, window, gains):
 
 
 @pytest.mark.parametrize(("window", "gains"), TABLE3_VS)
-def test_the_continuous_reference_reproduces_table_3_to_the_printed_digit(continuous, window, gains):
+def test_the_continuous_reference_reproduces_table_3_to_the_printed_digit(
+    continuous: dict[str, dict[str, Pair]], window: str, gains: str
+) -> None:
     """Half a unit of the last printed digit, and a little for its own rounding (9.348 comes out as 9.3469)."""
     for printed, computed in zip(TABLE3_VS[window, gains], continuous[gains][window], strict=True):
         digits = 2 if printed > 10 else 3
@@ -59,14 +65,18 @@ def test_the_continuous_reference_reproduces_table_3_to_the_printed_digit(contin
 
 @pytest.mark.parametrize("gains", STORIES)
 @pytest.mark.parametrize("window", ["gain_fall", "reference_step"])
-def test_every_cell_comes_nearer_to_continuous_time_as_the_period_shrinks(runs, continuous, window, gains):
+def test_every_cell_comes_nearer_to_continuous_time_as_the_period_shrinks(
+    runs: dict[tuple[str, float], Future[Run]], continuous: dict[str, dict[str, Pair]], window: str, gains: str
+) -> None:
     for period_s in PERIODS_S:
         found = runs[gains, period_s].result().kpi.iae_Vs[window]
         for value, limit in zip(found, continuous[gains][window], strict=True):
             assert abs(value - limit) < 0.15 * period_s + WIRE_FLOOR_VS, f"{period_s} s"
 
 
-def test_the_error_is_of_first_order_in_the_period(runs, continuous):
+def test_the_error_is_of_first_order_in_the_period(
+    runs: dict[tuple[str, float], Future[Run]], continuous: dict[str, dict[str, Pair]]
+) -> None:
     def total_error(period_s: float) -> float:
         return sum(
             abs(value - limit)

@@ -11,12 +11,23 @@ from hil.core import controller
 from hil.core.closed_loop import LoopConfig
 from hil.core.controller import ControllerConfig, ControllerState
 from hil.core.design import CalibratedDesign, RigDesign, choose_rig_design
-from hil.core.diagnosis.ideal import NoDetector
+from hil.core.diagnosis.ideal import IdealDetector, NoDetector
 from hil.core.estimator import LevelFilter
 from hil.core.interlocks import Limits
 from hil.core.reconfiguration import Reconfiguration
-from hil.core.tanks import TankModel, equilibrium, level_rates, linearise
-from hil.core.types import BusHealth, Inputs, Measurement, NodeHealth, NodeState, PumpFeedback
+from hil.core.tanks import LinearModel, TankModel, equilibrium, level_rates, linearise
+from hil.core.types import (
+    BusHealth,
+    Inputs,
+    Measurement,
+    NodeHealth,
+    NodeState,
+    Pair,
+    PumpFeedback,
+    Quad,
+    TickRecord,
+    Timing,
+)
 
 RIG = tomllib.loads((Path(__file__).resolve().parents[2] / "config/rig.toml").read_text())
 OUTPUT_POLES = tuple(RIG["control"]["output_poles"])
@@ -27,7 +38,7 @@ SECOND = 1_000_000_000
 OUTFLOW = math.sqrt(2.0 * 981.0)
 
 
-def at(voltage_V=(3.0, 3.0), model=BENCH):
+def at(voltage_V: Pair = (3.0, 3.0), model: TankModel = BENCH) -> LinearModel:
     """Linear model at the equilibrium of these voltages."""
     return linearise(model, equilibrium(model, voltage_V))
 
@@ -36,7 +47,7 @@ def rig_design() -> RigDesign:
     return choose_rig_design(at(), OUTPUT_POLES, NOISE_GAIN_MAX)
 
 
-def reconfiguration(design=None, limit_V=10.0) -> Reconfiguration:
+def reconfiguration(design: CalibratedDesign | None = None, limit_V: float = 10.0) -> Reconfiguration:
     return Reconfiguration(BENCH, design or rig_design(), limit_V, (3.0, 3.0))
 
 
@@ -67,11 +78,19 @@ LIMITS = Limits(
 )
 
 
-def measurement(level_V, *, valid=(True, True, True, True), age_s=0.01, readings=5) -> Measurement:
+def measurement(
+    level_V: Quad, *, valid: tuple[bool, ...] = (True, True, True, True), age_s: float = 0.01, readings: int = 5
+) -> Measurement:
     return Measurement(tuple(level_V), valid, age_s, readings)
 
 
-def inputs(level_V, applied_V=(0.0, 0.0), state=NodeState.RUN, shortfall_V=(0.0, 0.0), **changes) -> Inputs:
+def inputs(
+    level_V,
+    applied_V: Pair = (0.0, 0.0),
+    state: NodeState = NodeState.RUN,
+    shortfall_V: Pair = (0.0, 0.0),
+    **changes: Timing,
+) -> Inputs:
     """What a healthy bench would say."""
     healthy = Inputs(
         measurement(level_V),
@@ -82,11 +101,15 @@ def inputs(level_V, applied_V=(0.0, 0.0), state=NodeState.RUN, shortfall_V=(0.0,
     return replace(healthy, **changes)
 
 
-def volts(level_cm):
+def volts(level_cm: Quad):
     return tuple(0.5 * h for h in level_cm)
 
 
-def bench_loop(design=None, references=None, **changes) -> LoopConfig:
+def bench_loop(
+    design: CalibratedDesign | None = None,
+    references: tuple[tuple[float, Pair]] | None = None,
+    **changes: IdealDetector | bool,
+) -> LoopConfig:
     h1, h2, _, _ = equilibrium(BENCH, (3.0, 3.0))
     loop = LoopConfig(
         reconfiguration=reconfiguration(design),
@@ -103,12 +126,12 @@ def bench_loop(design=None, references=None, **changes) -> LoopConfig:
 class Plant:
     """Eq. (1) by the classical Runge-Kutta rule; the applied voltages follow the commands at once."""
 
-    def __init__(self, model=BENCH, start_V=(3.0, 3.0)):
+    def __init__(self, model: TankModel = BENCH, start_V: Pair = (3.0, 3.0)) -> None:
         self.model = model
         self.level_cm = equilibrium(model, start_V)
         self.effectiveness = (1.0, 1.0)
 
-    def advance(self, applied_V, dt_s):
+    def advance(self, applied_V: Pair | None, dt_s: float) -> None:
         drive = tuple(e * v for e, v in zip(self.effectiveness, applied_V, strict=True))
 
         def rates(h):
@@ -122,7 +145,9 @@ class Plant:
         self.level_cm = tuple(np.maximum(h + dt_s / 6.0 * (k1 + 2 * k2 + 2 * k3 + k4), 0.0).tolist())
 
 
-def run(config: ControllerConfig, plant: Plant, steps: int, faults=None, on_step=None, late_ns=None):
+def run(
+    config: ControllerConfig, plant: Plant, steps: int, faults=None, on_step=None, late_ns=None
+) -> tuple[controller.ControllerState, list[TickRecord]]:
     """Close the loop in process: the records of all steps in control.
 
     faults : step number -> effectiveness. late_ns : step number -> lateness of that step.
@@ -146,5 +171,7 @@ def run(config: ControllerConfig, plant: Plant, steps: int, faults=None, on_step
     return state, records
 
 
-def controller_config(loop: LoopConfig | None = None, duration_s=math.inf, limits=LIMITS) -> ControllerConfig:
+def controller_config(
+    loop: LoopConfig | None = None, duration_s: float = math.inf, limits: Limits = LIMITS
+) -> ControllerConfig:
     return ControllerConfig(loop or bench_loop(), limits, duration_s)

@@ -9,9 +9,10 @@ import pytest
 
 from hil.core import closed_loop, controller
 from hil.core.controller import ControllerState
+from hil.core.design import CalibratedDesign
 from hil.core.diagnosis.ideal import IdealDetector, NoDetector, PumpFault
-from hil.core.tanks import equilibrium
-from hil.core.types import Mode, NodeState, Severity, Timing, TripCause
+from hil.core.tanks import TankModel, equilibrium
+from hil.core.types import Mode, NodeState, Pair, Severity, TickRecord, Timing, TripCause
 from tests.core.core_bench import (
     BENCH,
     CALIBRATED,
@@ -31,11 +32,11 @@ REST_V = volts(REST)[:2]
 STEP_V = 0.3
 
 
-def stepped(at_s=20.0, change_V=STEP_V):
+def stepped(at_s: float = 20.0, change_V: float = STEP_V):
     return ((0.0, REST_V), (at_s, (REST_V[0] + change_V, REST_V[1] + change_V)))
 
 
-def wrong_by_5_percent(sign=1.0):
+def wrong_by_5_percent(sign: float = 1.0) -> TankModel:
     """Tanks whose every parameter lies 5 % off the controller's, in mixed directions."""
     s = 0.05 * sign
     scale = [1 + s, 1 - s, 1 + s, 1 - s]
@@ -48,32 +49,32 @@ def wrong_by_5_percent(sign=1.0):
     )
 
 
-def codes(records):
+def codes(records: list[TickRecord]):
     return [(round(r.t_s, 6), e.code) for r in records for e in r.events if e.code != "mode"]
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_outputs_settle_on_their_references_in_spite_of_model_errors(sign):
+def test_outputs_settle_on_their_references_in_spite_of_model_errors(sign: float) -> None:
     _, records = run(controller_config(bench_loop(references=stepped())), Plant(wrong_by_5_percent(sign)), 3000)
     assert records[-1].measured_V[:2] == pytest.approx((REST_V[0] + STEP_V, REST_V[1] + STEP_V), abs=1e-3)
     assert all(r.mode is Mode.RUNNING for r in records)
 
 
 @pytest.mark.parametrize("pump_gains", [(3.33 * 0.98, 3.35 * 0.98), (3.33 * 1.02, 3.35 * 1.02)])
-def test_the_papers_gain_settles_too_where_the_error_is_small(pump_gains):
+def test_the_papers_gain_settles_too_where_the_error_is_small(pump_gains: Pair) -> None:
     plant = Plant(replace(BENCH, pump_gain_cm3_Vs=pump_gains))
     _, records = run(controller_config(bench_loop(CALIBRATED, stepped())), plant, 6000)
     assert records[-1].measured_V[:2] == pytest.approx((REST_V[0] + STEP_V, REST_V[1] + STEP_V), abs=1e-3)
     assert all(r.mode is Mode.RUNNING for r in records)
 
 
-def test_a_wrong_model_does_disturb_the_start():
+def test_a_wrong_model_does_disturb_the_start() -> None:
     """The model errors above are felt: it is the integral that takes them out."""
     _, records = run(controller_config(), Plant(wrong_by_5_percent()), 600)
     assert max(abs(r.measured_V[0] - REST_V[0]) for r in records) > 0.02
 
 
-def test_at_rest_nothing_happens():
+def test_at_rest_nothing_happens() -> None:
     """Only the slew limit's first steps from 0 V are felt."""
     _, records = run(controller_config(), Plant(), 900)
     assert records[0].raw_V == pytest.approx((3.0, 3.0))
@@ -84,7 +85,7 @@ def test_at_rest_nothing_happens():
 
 
 @pytest.mark.parametrize("at_s", [0.1, 0.3, 1.7, 12.3, 20.0])
-def test_a_reference_changes_at_its_very_step(at_s):
+def test_a_reference_changes_at_its_very_step(at_s: float) -> None:
     """0.3 s and the like are no exact floats, nor is a step number times its period."""
     _, records = run(controller_config(bench_loop(references=stepped(at_s))), Plant(), round(at_s / PERIOD_S) + 8)
     changed = [round(r.t_s, 6) for r in records if r.reference_V != REST_V]
@@ -95,7 +96,7 @@ def test_a_reference_changes_at_its_very_step(at_s):
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.7])
-def test_what_is_due_at_a_step_is_done_then_though_the_first_step_was_a_little_late(delay_s):
+def test_what_is_due_at_a_step_is_done_then_though_the_first_step_was_a_little_late(delay_s: float) -> None:
     """Run time counts from the first step; when that was half a microsecond late, all others seem early."""
     faults = (PumpFault(1.0 - delay_s, 1, 0.9, until_s=2.0 - delay_s),)
     loop = bench_loop(references=stepped(1.5), detector=IdealDetector(faults, delay_s))
@@ -107,7 +108,7 @@ def test_what_is_due_at_a_step_is_done_then_though_the_first_step_was_a_little_l
     assert next(round(r.t_s, 3) for r in records if r.mode is Mode.STOPPING) == 3.0
 
 
-def test_run_time_counts_from_the_first_step_in_control():
+def test_run_time_counts_from_the_first_step_in_control() -> None:
     state, config = ControllerState(), controller_config()
     outputs = []
     for number in range(4):
@@ -121,7 +122,9 @@ def test_run_time_counts_from_the_first_step_in_control():
     assert [e.text for e in outputs[1].events] == ["READY -> RUNNING"]
 
 
-def with_faults(*faults, delay_s=1.0, reconfigure=True, design=None):
+def with_faults(
+    *faults: PumpFault, delay_s: float = 1.0, reconfigure: bool = True, design: CalibratedDesign | None = None
+) -> controller.ControllerConfig:
     return controller_config(
         bench_loop(design, detector=IdealDetector(faults, delay_s), reconfigure=reconfigure),
     )
@@ -130,7 +133,7 @@ def with_faults(*faults, delay_s=1.0, reconfigure=True, design=None):
 FALL = (PumpFault(5.0, 1, 0.4), PumpFault(5.0, 2, 0.4))
 
 
-def test_a_fault_is_reported_and_answered_exactly_its_delay_later():
+def test_a_fault_is_reported_and_answered_exactly_its_delay_later() -> None:
     _, records = run(with_faults(*FALL), Plant(), 150, faults={51: (0.4, 0.4)})
     reported = [round(r.t_s, 6) for r in records if r.effectiveness == (0.4, 0.4)]
     assert reported[0] == 6.0
@@ -151,7 +154,7 @@ def test_a_fault_is_reported_and_answered_exactly_its_delay_later():
     assert all(e.severity is Severity.WARNING for e in alarms)
 
 
-def test_mode_is_degraded_from_the_step_of_the_report_until_the_recovery():
+def test_mode_is_degraded_from_the_step_of_the_report_until_the_recovery() -> None:
     faults = (PumpFault(2.0, 1, 0.5, until_s=4.0),)
     _, records = run(with_faults(*faults), Plant(), 80, faults={21: (0.5, 1.0), 41: (1.0, 1.0)})
     degraded = [round(r.t_s, 6) for r in records if r.mode is Mode.DEGRADED]
@@ -162,7 +165,7 @@ def test_mode_is_degraded_from_the_step_of_the_report_until_the_recovery():
     assert records[-1].gain == pytest.approx(records[0].gain)
 
 
-def test_gains_kept_report_the_fault_but_do_not_answer_it():
+def test_gains_kept_report_the_fault_but_do_not_answer_it() -> None:
     _, kept = run(with_faults(*FALL, reconfigure=False), Plant(), 200, faults={51: (0.4, 0.4)})
     assert codes(kept) == [(6.0, "alarm"), (6.0, "alarm")]
     assert kept[-1].effectiveness == (0.4, 0.4)
@@ -170,7 +173,7 @@ def test_gains_kept_report_the_fault_but_do_not_answer_it():
     assert {r.mode for r in kept} == {Mode.RUNNING}
 
 
-def test_reconfiguration_keeps_the_outputs_nearer_than_kept_gains():
+def test_reconfiguration_keeps_the_outputs_nearer_than_kept_gains() -> None:
     config = with_faults(*FALL, design=CALIBRATED)
     kept_config = with_faults(*FALL, design=CALIBRATED, reconfigure=False)
     _, changed = run(config, Plant(), 1000, faults={51: (0.4, 0.4)})
@@ -181,7 +184,7 @@ def test_reconfiguration_keeps_the_outputs_nearer_than_kept_gains():
 
 @pytest.mark.parametrize("design", [None, CALIBRATED], ids=["rig", "calibrated"])
 @pytest.mark.parametrize("change", ["effectiveness", "reference"])
-def test_the_effective_voltage_does_not_jump_when_the_law_changes(design, change):
+def test_the_effective_voltage_does_not_jump_when_the_law_changes(design: CalibratedDesign | None, change: str) -> None:
     """The same step from the same state, with and without the change: v theta is the same, v is not."""
     loop = bench_loop(design, stepped(1.0), detector=IdealDetector((), 0.0))
     state, _ = run(controller_config(loop), Plant(wrong_by_5_percent()), 60)
@@ -200,7 +203,7 @@ def test_the_effective_voltage_does_not_jump_when_the_law_changes(design, change
     assert effective == pytest.approx(np.array(same.record.raw_V), abs=1e-9)
 
 
-def test_a_reference_out_of_reach_is_replaced_and_said():
+def test_a_reference_out_of_reach_is_replaced_and_said() -> None:
     config = with_faults(PumpFault(2.0, 1, 0.2), delay_s=0.5)
     _, records = run(config, Plant(), 60, faults={21: (0.2, 1.0)})
     warned = [e for r in records for e in r.events if e.code == "target"]
@@ -214,7 +217,7 @@ def test_a_reference_out_of_reach_is_replaced_and_said():
     assert max(last.command_V) <= 10.0
 
 
-def test_a_dead_pump_settles_at_the_nearest_levels_without_windup():
+def test_a_dead_pump_settles_at_the_nearest_levels_without_windup() -> None:
     config = with_faults(PumpFault(2.0, 1, 0.0), delay_s=0.5)
     _, records = run(config, Plant(), 6000, faults={21: (0.0, 1.0)})
     last = records[-1]
@@ -227,7 +230,7 @@ def test_a_dead_pump_settles_at_the_nearest_levels_without_windup():
 FIRST, LATER = PumpFault(1.0, 1, 0.8), PumpFault(2.0, 1, 0.5, until_s=3.0)
 
 
-def reported(detector, t_s, memory=(1.0, 1.0)):
+def reported(detector: IdealDetector, t_s: float, memory: Pair = (1.0, 1.0)) -> Pair:
     return detector.step(memory, t_s, None, None, (3.0, 3.0))[1].effectiveness
 
 
@@ -235,13 +238,15 @@ def reported(detector, t_s, memory=(1.0, 1.0)):
 @pytest.mark.parametrize(
     ("t_s", "left"), [(0.9, 1.0), (1.0, 0.8), (1.9, 0.8), (2.0, 0.5), (2.9, 0.5), (3.0, 0.8), (9.0, 0.8)]
 )
-def test_of_two_faults_of_a_pump_the_later_holds_and_then_the_earlier_again(faults, t_s, left):
+def test_of_two_faults_of_a_pump_the_later_holds_and_then_the_earlier_again(
+    faults: tuple[PumpFault, PumpFault], t_s: float, left: float
+) -> None:
     """Whatever their order in the scenario; it used to be the last one listed."""
     assert reported(IdealDetector(faults, 0.0), t_s) == (left, 1.0)
     assert reported(IdealDetector(faults, 2.5), t_s + 2.5) == (left, 1.0)
 
 
-def test_detector_and_emulator_agree_on_overlapping_faults():
+def test_detector_and_emulator_agree_on_overlapping_faults() -> None:
     from firmware_sim.faults import FaultSchedule, PumpEffectiveness
 
     rng = np.random.default_rng(7)
@@ -266,7 +271,7 @@ def test_detector_and_emulator_agree_on_overlapping_faults():
             assert reported(detector, float(t_s)) == tuple(schedule.effects.effectiveness), (table, t_s)
 
 
-def test_each_change_is_alarmed_once():
+def test_each_change_is_alarmed_once() -> None:
     detector = IdealDetector((FIRST, LATER), 0.0)
     memory, alarms = detector.start(), []
     for number in range(50):
@@ -275,14 +280,14 @@ def test_each_change_is_alarmed_once():
     assert alarms == [(1.0, 1, 0.8), (2.0, 1, 0.5), (3.0, 1, 0.8)]
 
 
-def test_no_detector_says_nothing():
+def test_no_detector_says_nothing() -> None:
     memory, diagnosis = NoDetector().step(NoDetector().start(), 1e6, None, None, (0.0, 0.0))
     assert memory is None
     assert diagnosis.effectiveness == (1.0, 1.0)
     assert diagnosis.new_alarms == ()
 
 
-def test_iae_is_the_integral_of_the_error_of_the_estimate():
+def test_iae_is_the_integral_of_the_error_of_the_estimate() -> None:
     _, records = run(controller_config(bench_loop(references=stepped(1.0))), Plant(), 300)
     expected = np.zeros(2)
     for old, new in pairwise(records):
@@ -292,7 +297,7 @@ def test_iae_is_the_integral_of_the_error_of_the_estimate():
     assert records[-1].iae_Vs[0] > 0.3
 
 
-def test_iae_counts_the_reference_asked_for_also_where_another_target_is_in_force():
+def test_iae_counts_the_reference_asked_for_also_where_another_target_is_in_force() -> None:
     _, records = run(with_faults(PumpFault(0.0, 1, 0.2), delay_s=0.0), Plant(), 300, faults={1: (0.2, 1.0)})
     old, new = records[-2:]
     assert new.target_V[0] < new.reference_V[0] - 0.5
@@ -300,7 +305,7 @@ def test_iae_counts_the_reference_asked_for_also_where_another_target_is_in_forc
     assert grown == pytest.approx(np.abs(np.array(REST_V) - new.estimated_V[:2]) * PERIOD_S, abs=1e-9)
 
 
-def test_record_is_consistent_with_itself():
+def test_record_is_consistent_with_itself() -> None:
     """Raw command = v0/theta - K/theta [x q] from the record's own numbers, at every step, faulty or not."""
     loop = bench_loop(references=stepped(4.0), detector=IdealDetector(FALL, 1.0))
     _, records = run(controller_config(loop), Plant(), 120, faults={51: (0.4, 0.4)})
@@ -315,7 +320,7 @@ def test_record_is_consistent_with_itself():
     assert np.array(faulty.gain) == pytest.approx(np.array(sound.gain) / 0.4)
 
 
-def test_record_passes_on_what_was_seen():
+def test_record_passes_on_what_was_seen() -> None:
     seen = inputs(volts(REST), (1.5, 2.5), timing=Timing(0.003, 7))
     seen = replace(seen, measurement=replace(seen.measurement, age_s=0.017), bus=replace(seen.bus, rejected=4))
     state, _ = controller.step(controller_config(), ControllerState(), inputs(volts(REST), state=NodeState.READY), 0)
@@ -332,7 +337,7 @@ def test_record_passes_on_what_was_seen():
 
 
 @pytest.mark.parametrize("duration_s", [0.3, 2.0, 2.05])
-def test_a_run_stops_by_itself_at_its_duration(duration_s):
+def test_a_run_stops_by_itself_at_its_duration(duration_s: float) -> None:
     state, records = run(controller_config(duration_s=duration_s), Plant(), 40)
     first_stopping = next(r.t_s for r in records if r.mode is Mode.STOPPING)
     assert first_stopping == pytest.approx(math.ceil(round(duration_s / PERIOD_S, 6)) * PERIOD_S)
@@ -342,21 +347,21 @@ def test_a_run_stops_by_itself_at_its_duration(duration_s):
     assert falling == sorted(falling, reverse=True)
 
 
-def test_integrals_stand_while_stopping():
+def test_integrals_stand_while_stopping() -> None:
     _, records = run(controller_config(duration_s=2.0), Plant(wrong_by_5_percent()), 40)
     stopping = [r.integral_Vs for r in records if r.mode is Mode.STOPPING]
     assert len(set(stopping)) == 1
     assert len({r.integral_Vs for r in records if r.mode is Mode.RUNNING}) > 10
 
 
-def test_the_same_inputs_give_the_same_run():
+def test_the_same_inputs_give_the_same_run() -> None:
     config = with_faults(*FALL)
     _, first = run(config, Plant(wrong_by_5_percent()), 150, faults={51: (0.4, 0.4)})
     _, second = run(config, Plant(wrong_by_5_percent()), 150, faults={51: (0.4, 0.4)})
     assert first == second
 
 
-def test_after_a_stall_integrals_and_estimate_move_by_a_few_periods_at_most():
+def test_after_a_stall_integrals_and_estimate_move_by_a_few_periods_at_most() -> None:
     loop = bench_loop(references=stepped(0.5))
     config = controller_config(loop)
     state, _ = run(config, Plant(), 20)
@@ -374,7 +379,7 @@ def test_after_a_stall_integrals_and_estimate_move_by_a_few_periods_at_most():
     assert output.record.t_s == pytest.approx((gap_ns - state.loop.started_ns) / SECOND)
 
 
-def test_two_steps_at_one_time_do_not_count_twice():
+def test_two_steps_at_one_time_do_not_count_twice() -> None:
     config = controller_config()
     state, _ = run(config, Plant(), 20)
     seen = inputs(volts(REST), (3.0, 3.0))
@@ -383,7 +388,7 @@ def test_two_steps_at_one_time_do_not_count_twice():
     assert output.record.iae_Vs == state.loop.iae_Vs
 
 
-def test_shortfall_of_the_node_counts_as_not_applied():
+def test_shortfall_of_the_node_counts_as_not_applied() -> None:
     """A node that gives less than it was told is a saturated pump to the integrals."""
     config = controller_config()
     state, _ = run(config, Plant(), 100)
@@ -395,7 +400,7 @@ def test_shortfall_of_the_node_counts_as_not_applied():
     assert pulled == pytest.approx(inverse @ (PERIOD_S / 5.0 * np.array([1.0, 0.0])))
 
 
-def test_a_failed_step_trips_at_0_volts_and_keeps_the_loop():
+def test_a_failed_step_trips_at_0_volts_and_keeps_the_loop() -> None:
     config = controller_config()
     state, _ = run(config, Plant(), 20)
     failed, output = controller.fail(state, TripCause.CONTROLLER_FAILED, "ValueError: no")
@@ -409,7 +414,7 @@ def test_a_failed_step_trips_at_0_volts_and_keeps_the_loop():
     assert "ValueError: no" in output.events[0].text
 
 
-def test_records_go_on_after_a_trip_with_the_pumps_off():
+def test_records_go_on_after_a_trip_with_the_pumps_off() -> None:
     def flood(number, seen):
         return inputs((9.6, *seen.measurement.level_V[1:])) if number == 30 else seen
 
@@ -421,7 +426,7 @@ def test_records_go_on_after_a_trip_with_the_pumps_off():
     assert [e.code for r in tripped for e in r.events] == ["trip"]
 
 
-def test_running_pumps_are_taken_over_at_the_voltages_they_have():
+def test_running_pumps_are_taken_over_at_the_voltages_they_have() -> None:
     """A bench that already runs when the loop closes feels no bump; one at rest starts with empty integrals."""
     started = ControllerState()
     away = tuple(y + 0.2 for y in volts(REST))
@@ -436,7 +441,7 @@ def test_running_pumps_are_taken_over_at_the_voltages_they_have():
             assert output.record.raw_V == pytest.approx(expected)
 
 
-def test_a_first_reference_out_of_reach_is_said_at_the_first_step():
+def test_a_first_reference_out_of_reach_is_said_at_the_first_step() -> None:
     loop = bench_loop(references=((0.0, (9.9, 2.0)),))
     _, records = run(controller_config(loop), Plant(), 30)
     assert codes(records) == [(0.0, "target")]

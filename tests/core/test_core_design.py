@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import control
 import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -17,13 +18,14 @@ from hil.core.design import (
     noise_gain,
 )
 from hil.core.eigenstructure import DesignError, augment
-from hil.core.tanks import LinearModel, equilibrium, linearise, printed_linear_model, transmission_zeros
+from hil.core.tanks import Array, LinearModel, equilibrium, linearise, printed_linear_model, transmission_zeros
+from hil.core.types import Pair
 from tests.core.core_bench import BENCH, CALIBRATED, NOISE_GAIN_MAX, OUTPUT_POLES, at, rig_design
 
 CROSSED = replace(BENCH, valve_split=(0.43, 0.34))
 
 
-def response(linear, K, frequency_rad_s):
+def response(linear: LinearModel, K: Array, frequency_rad_s: npt.NDArray[np.float64]):
     """(2, 2, n) closed loop from r to y; q' = r - y drives the augmented model."""
     A, B = augment(linear)
     drive = np.vstack([np.zeros((4, 2)), np.eye(2)])
@@ -35,7 +37,7 @@ FREQUENCIES = np.geomspace(1e-4, 10.0, 40)
 
 
 @pytest.mark.parametrize("voltage_V", [(3.0, 3.0), (2.0, 4.5), (6.0, 1.5)])
-def test_each_reference_moves_only_its_own_output(voltage_V):
+def test_each_reference_moves_only_its_own_output(voltage_V: Pair) -> None:
     linear = at(voltage_V)
     design = rig_design()
     y = response(linear, design.structure(linear).K, FREQUENCIES)
@@ -47,14 +49,14 @@ def test_each_reference_moves_only_its_own_output(voltage_V):
         assert y[output, output] == pytest.approx(expected, abs=1e-9)
 
 
-def test_calibrated_gain_lets_each_reference_move_both_outputs():
+def test_calibrated_gain_lets_each_reference_move_both_outputs() -> None:
     """The measure of decoupling above can fail: the paper's gain is only nearly decoupling."""
     y = response(printed_linear_model(), CALIBRATED.structure().K, FREQUENCIES)
     assert np.abs(y[0, 1]).max() > 0.01
 
 
 @pytest.mark.parametrize("voltage_V", [(3.0, 3.0), (2.0, 4.5), (9.0, 9.0)])
-def test_rig_design_puts_its_poles_where_asked_and_the_rest_on_the_zeros(voltage_V):
+def test_rig_design_puts_its_poles_where_asked_and_the_rest_on_the_zeros(voltage_V: Pair) -> None:
     linear = at(voltage_V)
     design = rig_design()
     structure = design.structure(linear)
@@ -63,7 +65,7 @@ def test_rig_design_puts_its_poles_where_asked_and_the_rest_on_the_zeros(voltage
     assert np.abs(structure.achieved_poles.imag).max() < 1e-8
 
 
-def test_gains_do_not_jump_where_a_zero_crosses_an_output_pole():
+def test_gains_do_not_jump_where_a_zero_crosses_an_output_pole() -> None:
     """The eigenvectors meet there, the gain does not notice: decoupling fixes it without them."""
     design = RigDesign(((-0.25, -0.06), (-0.18, -0.07)))
     near = min(np.linspace(2.9, 3.1, 2001), key=lambda v: abs(transmission_zeros(at((v, v)))[0] + 0.06))
@@ -72,7 +74,7 @@ def test_gains_do_not_jump_where_a_zero_crosses_an_output_pole():
     assert np.abs(gains[2] - gains[0]).max() < 1e-3
 
 
-def test_decoupling_parameters_have_unit_length_and_hide_the_zeros():
+def test_decoupling_parameters_have_unit_length_and_hide_the_zeros() -> None:
     linear = at()
     zeros = transmission_zeros(linear)
     poles = np.array([-0.25, -0.06, -0.18, -0.07, *zeros])
@@ -84,7 +86,7 @@ def test_decoupling_parameters_have_unit_length_and_hide_the_zeros():
         assert np.abs(y[hidden]).max() < 1e-9
 
 
-def test_noise_gain_is_what_a_monte_carlo_run_finds():
+def test_noise_gain_is_what_a_monte_carlo_run_finds() -> None:
     rng = np.random.default_rng(20120401)
     K = rig_design().structure(at()).K
     sigma_V = 0.005
@@ -93,14 +95,14 @@ def test_noise_gain_is_what_a_monte_carlo_run_finds():
     assert found == pytest.approx(noise_gain(K, BENCH.level_gain_V_cm), rel=0.01)
 
 
-def test_calibrated_gain_is_far_noisier_than_the_rigs():
+def test_calibrated_gain_is_far_noisier_than_the_rigs() -> None:
     calibrated = noise_gain(CALIBRATED.structure().K, 0.5)
     assert calibrated == pytest.approx(2 * np.hypot(np.hypot(18.94148, 17.97382), np.hypot(0.89696, 1.54202)), rel=1e-5)
     assert calibrated > 5.0 * NOISE_GAIN_MAX
 
 
 @pytest.mark.parametrize("bound", [10.0, 6.0, 4.0])
-def test_noise_bound_is_met_by_slowing_all_poles_alike(bound):
+def test_noise_bound_is_met_by_slowing_all_poles_alike(bound: float) -> None:
     linear = at()
     design = choose_rig_design(linear, OUTPUT_POLES, bound)
     assert noise_gain(design.structure(linear).K, 0.5) <= bound
@@ -113,13 +115,13 @@ def test_noise_bound_is_met_by_slowing_all_poles_alike(bound):
         assert all(noise_gain(d.structure(linear).K, 0.5) > bound for d in all_pairings(before))
 
 
-def all_pairings(poles):
+def all_pairings(poles) -> list[RigDesign]:
     a, b, c, d = poles
     pairs = [((a, b), (c, d)), ((a, c), (b, d)), ((a, d), (b, c))]
     return [RigDesign(p) for p in pairs] + [RigDesign((p[1], p[0])) for p in pairs]
 
 
-def test_of_all_pairings_the_best_conditioned_is_chosen():
+def test_of_all_pairings_the_best_conditioned_is_chosen() -> None:
     linear = at()
     conditions = [d.structure(linear).cond_v for d in all_pairings(OUTPUT_POLES)]
     assert all(noise_gain(d.structure(linear).K, 0.5) <= 100.0 for d in all_pairings(OUTPUT_POLES))
@@ -128,12 +130,12 @@ def test_of_all_pairings_the_best_conditioned_is_chosen():
     assert max(conditions) > 1.1 * min(conditions)
 
 
-def test_bench_poles_meet_the_bench_noise_bound():
+def test_bench_poles_meet_the_bench_noise_bound() -> None:
     design = rig_design()
     assert sorted([*design.output_poles[0], *design.output_poles[1]]) == pytest.approx(sorted(OUTPUT_POLES))
 
 
-def test_equal_poles_go_to_different_outputs():
+def test_equal_poles_go_to_different_outputs() -> None:
     """A pairing with twice the same pole at one output used to refuse the whole choice."""
     design = choose_rig_design(at(), [-0.1, -0.1, -0.2, -0.2], NOISE_GAIN_MAX)
     assert sorted(design.output_poles[0]) == sorted(design.output_poles[1]) == [-0.2, -0.1]
@@ -141,20 +143,20 @@ def test_equal_poles_go_to_different_outputs():
 
 @pytest.mark.parametrize("pump", [0, 1])
 @pytest.mark.parametrize("voltage_V", [(3.0, 3.0), (2.0, 4.5), (4.5, 2.0)])
-def test_rig_design_stays_stable_when_one_pump_loses_60_percent(pump, voltage_V):
+def test_rig_design_stays_stable_when_one_pump_loses_60_percent(pump: int, voltage_V: Pair) -> None:
     linear = at(voltage_V)
     effectiveness = (0.4, 1.0) if pump == 0 else (1.0, 0.4)
     assert closed_loop_poles(linear, rig_design().structure(linear).K, effectiveness)[0].real < -1e-3
 
 
-def test_calibrated_gain_does_not_survive_the_loss_of_pump_1():
+def test_calibrated_gain_does_not_survive_the_loss_of_pump_1() -> None:
     K = CALIBRATED.structure().K
     assert closed_loop_poles(printed_linear_model(), K)[0].real < 0.0
     assert closed_loop_poles(printed_linear_model(), K, (0.4, 0.4))[0].real < 0.0
     assert closed_loop_poles(printed_linear_model(), K, (0.4, 1.0))[0].real > 0.0
 
 
-def test_closed_loop_poles_come_slowest_first():
+def test_closed_loop_poles_come_slowest_first() -> None:
     structure = CALIBRATED.structure()
     found = closed_loop_poles(printed_linear_model(), structure.K)
     assert list(found.real) == sorted(found.real, reverse=True)
@@ -163,7 +165,7 @@ def test_closed_loop_poles_come_slowest_first():
 
 @settings(max_examples=30, deadline=None)
 @given(st.floats(1.0, 9.0), st.floats(1.0, 9.0))
-def test_rescaled_gain_has_the_nominal_poles_at_any_effectiveness(e1, e2):
+def test_rescaled_gain_has_the_nominal_poles_at_any_effectiveness(e1: float, e2: float) -> None:
     linear = at()
     K = rig_design().structure(linear).K
     theta = np.array([e1, e2]) / 10.0
@@ -172,7 +174,7 @@ def test_rescaled_gain_has_the_nominal_poles_at_any_effectiveness(e1, e2):
     assert closed_loop_poles(linear, rescaled, tuple(theta)) == pytest.approx(nominal, abs=1e-7)
 
 
-def test_non_minimum_phase_valves_are_refused():
+def test_non_minimum_phase_valves_are_refused() -> None:
     linear = at((3.0, 3.0), CROSSED)
     with pytest.raises(DesignError, match=r"transmission zero at \+0\.0\d+ 1/s.*can't be decoupled stably"):
         rig_design().structure(linear)
@@ -192,35 +194,35 @@ def test_non_minimum_phase_valves_are_refused():
         (),
     ],
 )
-def test_choice_wants_four_stable_real_poles(poles):
+def test_choice_wants_four_stable_real_poles(poles: tuple[float, ...]) -> None:
     with pytest.raises(DesignError, match="want four stable real poles"):
         choose_rig_design(at(), poles, NOISE_GAIN_MAX)
 
 
-def test_four_times_the_same_pole_is_refused():
+def test_four_times_the_same_pole_is_refused() -> None:
     with pytest.raises(DesignError, match="asked for 4 times"):
         choose_rig_design(at(), [-0.1] * 4, NOISE_GAIN_MAX)
 
 
-def test_a_noise_bound_that_no_slowing_meets_is_refused():
+def test_a_noise_bound_that_no_slowing_meets_is_refused() -> None:
     with pytest.raises(DesignError, match=r"noise gain 0\.001 V/V can't be met"):
         choose_rig_design(at(), OUTPUT_POLES, 0.001)
 
 
-def test_an_output_pole_on_an_open_loop_pole_is_refused():
+def test_an_output_pole_on_an_open_loop_pole_is_refused() -> None:
     """It used to surface as numpy's LinAlgError."""
     linear = at()
     with pytest.raises(DesignError, match="eigenvalue of A"):
         RigDesign(((float(linear.A[0, 0]), -0.2), (-0.1, -0.3))).structure(linear)
 
 
-def test_an_output_pole_on_a_zero_is_refused():
+def test_an_output_pole_on_a_zero_is_refused() -> None:
     linear = at()
     with pytest.raises(DesignError, match="linearly dependent"):
         RigDesign(((float(transmission_zeros(linear)[0]), -0.2), (-0.1, -0.3))).structure(linear)
 
 
-def test_gains_split_the_matrix_and_invert_its_integral_part():
+def test_gains_split_the_matrix_and_invert_its_integral_part() -> None:
     K = np.arange(12.0).reshape(2, 6)
     gains = Gains.from_matrix(K)
     assert gains.levels_V_cm == ((0.0, 1.0, 2.0, 3.0), (6.0, 7.0, 8.0, 9.0))
@@ -228,12 +230,12 @@ def test_gains_split_the_matrix_and_invert_its_integral_part():
     assert np.array(gains.integral_inverse) @ K[:, 4:] == pytest.approx(np.eye(2))
 
 
-def test_a_gain_that_integrates_only_one_way_is_refused():
+def test_a_gain_that_integrates_only_one_way_is_refused() -> None:
     with pytest.raises(DesignError, match="integral gain has no inverse"):
         Gains.from_matrix(np.ones((2, 6)))
 
 
-def test_calibrated_gains_do_not_follow_the_operating_point_and_the_rigs_do():
+def test_calibrated_gains_do_not_follow_the_operating_point_and_the_rigs_do() -> None:
     low, high = at((2.0, 2.0)), at((5.0, 5.0))
     assert not CALIBRATED.follows_reference
     assert CALIBRATED.gains(low) == CALIBRATED.gains(high)
@@ -242,7 +244,7 @@ def test_calibrated_gains_do_not_follow_the_operating_point_and_the_rigs_do():
     assert rig_design().gains(low) == Gains.from_matrix(rig_design().structure(low).K)
 
 
-def test_design_takes_any_model_of_four_tanks():
+def test_design_takes_any_model_of_four_tanks() -> None:
     other = replace(BENCH, area_cm2=(50.0, 40.0, 20.0, 30.0), outlet_cm2=(0.1, 0.08, 0.09, 0.06), level_gain_V_cm=0.4)
     linear = linearise(other, equilibrium(other, (4.0, 5.0)))
     assert isinstance(linear, LinearModel)

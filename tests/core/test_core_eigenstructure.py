@@ -1,14 +1,16 @@
 """Eigenstructure assignment: what was asked is what comes out, or it is refused with the reason."""
 
 import warnings
+from collections.abc import Iterator
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import place_poles
 
-from hil.core.eigenstructure import DesignError, assign, augment
+from hil.core.eigenstructure import DesignError, Eigenstructure, assign, augment
 from hil.core.tanks import printed_linear_model
 from tests.core.core_bench import CALIBRATED, at, rig_design
 
@@ -20,14 +22,14 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 
 @pytest.fixture(autouse=True)
-def _no_warnings():
+def _no_warnings() -> Iterator[None]:
     """Whatever is refused is refused in words, not by numpy."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         yield
 
 
-def poles_of(rng, n, kind):
+def poles_of(rng: np.random.Generator, n: int, kind: str):
     """Separate stable poles: all real, with conjugate pairs, or with one real pole twice."""
     if kind == "pairs":
         pairs = [complex(-a, b) for a, b in zip(1.0 + np.arange(n // 2), rng.uniform(0.3, 3.0, n // 2), strict=True)]
@@ -39,7 +41,7 @@ def poles_of(rng, n, kind):
     return poles
 
 
-def request(seed, n, n_u, kind):
+def request(seed: int, n: int, n_u: int, kind: str):
     """A random system, poles and parameters (conjugate where the poles are)."""
     rng = np.random.default_rng(seed)
     A = rng.normal(size=(n, n))
@@ -58,7 +60,7 @@ def request(seed, n, n_u, kind):
 
 @settings(max_examples=80, deadline=None)
 @given(SEEDS, st.integers(2, 6), st.integers(2, 3), st.sampled_from(["real", "pairs", "twice"]))
-def test_every_pole_and_eigenvector_asked_for_is_achieved(seed, n, n_u, kind):
+def test_every_pole_and_eigenvector_asked_for_is_achieved(seed: int, n: int, n_u: int, kind) -> None:
     A, B, poles, W = request(seed, n, n_u, kind)
     achieved = assign(A, B, poles, W)
     assert achieved.K.dtype == float
@@ -75,7 +77,7 @@ def test_every_pole_and_eigenvector_asked_for_is_achieved(seed, n, n_u, kind):
 
 @pytest.mark.parametrize("kind", ["real", "pairs"])
 @pytest.mark.parametrize("seed", range(10))
-def test_poles_come_out_to_1e_9(seed, kind):
+def test_poles_come_out_to_1e_9(seed: int, kind: str) -> None:
     A, B, poles, W = request(seed, 6, 2, kind)
     achieved = assign(A, B, poles, W)
     assert achieved.pole_error < 1e-9
@@ -83,13 +85,13 @@ def test_poles_come_out_to_1e_9(seed, kind):
     assert np.linalg.eigvals(A - B @ achieved.K) == pytest.approx(achieved.achieved_poles[order_of(A, B, achieved)])
 
 
-def order_of(A, B, achieved):
+def order_of(A, B, achieved: Eigenstructure):
     """Places of the achieved poles in numpy's order of eigenvalues."""
     return [int(np.argmin(np.abs(achieved.achieved_poles - p))) for p in np.linalg.eigvals(A - B @ achieved.K)]
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_a_pole_asked_for_twice_gets_two_eigenvectors(seed):
+def test_a_pole_asked_for_twice_gets_two_eigenvectors(seed: int) -> None:
     A, B, poles, W = request(seed, 6, 2, "twice")
     achieved = assign(A, B, poles, W)
     assert poles[0] == poles[1]
@@ -97,7 +99,7 @@ def test_a_pole_asked_for_twice_gets_two_eigenvectors(seed):
     assert achieved.pole_error < 1e-7
 
 
-def test_one_input_leaves_no_freedom():
+def test_one_input_leaves_no_freedom() -> None:
     A, B = np.array([[0.0, 1.0], [2.0, -1.0]]), np.array([[0.0], [1.0]])
     achieved = assign(A, B, [-3, -4], [[1, 1]])
     assert pytest.approx(np.array([[14.0, 6.0]])) == achieved.K  # s^2 + 7 s + 12 by Ackermann's formula
@@ -105,7 +107,7 @@ def test_one_input_leaves_no_freedom():
 
 @settings(max_examples=40, deadline=None)
 @given(SEEDS, st.lists(st.floats(-6.0, 6.0), min_size=4, max_size=4), st.booleans())
-def test_only_the_direction_of_a_parameter_matters(seed, exponents, flip):
+def test_only_the_direction_of_a_parameter_matters(seed: int, exponents, flip: bool) -> None:
     A, B, poles, W = request(seed, 4, 2, "real")
     scale = 10.0 ** np.array(exponents) * (-1.0 if flip else 1.0)
     plain, scaled = assign(A, B, poles, W), assign(A, B, poles, W * scale)
@@ -113,14 +115,14 @@ def test_only_the_direction_of_a_parameter_matters(seed, exponents, flip):
     assert scaled.cond_v == pytest.approx(plain.cond_v, rel=1e-6)
 
 
-def test_complex_dtype_with_real_numbers_is_a_real_request():
+def test_complex_dtype_with_real_numbers_is_a_real_request() -> None:
     A, B, poles, W = request(1, 4, 2, "real")
     plain, cast = assign(A, B, poles, W), assign(A, B, poles.astype(complex), W.astype(complex))
     assert np.array_equal(plain.K, cast.K)
     assert cast.V.dtype == float
 
 
-def test_paper_gain_of_table_3():
+def test_paper_gain_of_table_3() -> None:
     structure = CALIBRATED.structure()
     assert pytest.approx(np.array(TABLE_3_GAIN), abs=1e-5) == structure.K
     assert structure.cond_v == pytest.approx(541, abs=0.5)
@@ -129,7 +131,7 @@ def test_paper_gain_of_table_3():
     assert list(structure.requested_poles[:5]) == printed
 
 
-def test_augmented_model_integrates_the_output_error():
+def test_augmented_model_integrates_the_output_error() -> None:
     linear = printed_linear_model()
     A, B = augment(linear)
     assert np.array_equal(A[:4, :4], linear.A)
@@ -139,7 +141,7 @@ def test_augmented_model_integrates_the_output_error():
     assert not B[4:].any()
 
 
-def test_as_close_to_the_request_as_scipys_place_poles():
+def test_as_close_to_the_request_as_scipys_place_poles() -> None:
     linear = at()
     A, B = augment(linear)
     structure = rig_design().structure(linear)
@@ -183,7 +185,13 @@ TWIN_A, TWIN_B = np.diag([-1.0, -2.0, -3.0]), np.array([[1.0, 0.0], [0.0, 1.0], 
         (CHAIN_A, CHAIN_B, [-2, -3], [[1, 1j]], "pole -3 is real, its parameter is not"),
     ],
 )
-def test_refusal_says_why(A, B, poles, parameters, reason):
+def test_refusal_says_why(
+    A: npt.NDArray[np.float64],
+    B: npt.NDArray[np.float64],
+    poles: list[list[float] | complex | float],
+    parameters: npt.NDArray[np.float64] | list[list[int | complex]],
+    reason: str,
+) -> None:
     with pytest.raises(DesignError) as refusal:
         assign(A, B, poles, parameters)
     assert reason in str(refusal.value)
@@ -191,7 +199,7 @@ def test_refusal_says_why(A, B, poles, parameters, reason):
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("poles", [[-1.5, -2.0], [-1.0, -2.0], [-1.5 + 1j, -1.5 - 1j]], ids=["real", "eigen", "pair"])
-def test_numbers_that_are_not_finite_are_refused(bad, poles):
+def test_numbers_that_are_not_finite_are_refused(bad: float, poles: list[float | complex]) -> None:
     """An infinity used to come with numpy's warning, and a NaN beside a pole on an eigenvalue as a LinAlgError."""
     for i in range(2):
         for j in range(2):
@@ -211,7 +219,7 @@ def test_numbers_that_are_not_finite_are_refused(bad, poles):
             assign(CHAIN_A, CHAIN_B, broken, ONES)
 
 
-def test_absurdly_large_parameters_are_refused_or_right():
+def test_absurdly_large_parameters_are_refused_or_right() -> None:
     try:
         achieved = assign(CHAIN_A, CHAIN_B, [-2, -3], ONES * 1e200)
     except DesignError:

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from hil.core import estimator
 from hil.core.estimator import LevelFilter
 from hil.core.tanks import equilibrium
+from hil.core.types import Pair
 from tests.core.core_bench import BENCH, PERIOD_S, Plant, measurement, volts
 
 SOUND = (1.0, 1.0)
@@ -16,15 +17,17 @@ REST = equilibrium(BENCH, (3.0, 3.0))
 ALL, NONE = (True,) * 4, (False,) * 4
 
 
-def filter_with(lag_s=0.0, filter_s=0.5):
+def filter_with(lag_s: float = 0.0, filter_s: float = 0.5) -> estimator.LevelFilter:
     return LevelFilter(BENCH, lag_s, filter_s)
 
 
-def started(filter_, level_cm=REST, applied_V=(3.0, 3.0)):
+def started(
+    filter_: estimator.LevelFilter, level_cm: tuple[float, ...] = REST, applied_V: Pair = (3.0, 3.0)
+) -> estimator.Estimate:
     return estimator.start(filter_, measurement(volts(level_cm)), applied_V)
 
 
-def test_begins_at_the_readings():
+def test_begins_at_the_readings() -> None:
     estimate = started(filter_with())
     assert estimate.level_cm == pytest.approx(REST)
     assert estimate.level_V == volts(REST)
@@ -32,7 +35,7 @@ def test_begins_at_the_readings():
     assert estimate.innovation_V == (0.0, 0.0, 0.0, 0.0)
 
 
-def test_rests_at_the_equilibrium():
+def test_rests_at_the_equilibrium() -> None:
     filter_ = filter_with(lag_s=0.2)
     estimate = started(filter_)
     for _ in range(100):
@@ -42,7 +45,7 @@ def test_rests_at_the_equilibrium():
 
 
 @pytest.mark.parametrize("applied_V", [(6.0, 1.0), (0.0, 5.0), (8.0, 8.0)])
-def test_without_readings_the_model_alone_follows_the_tanks(applied_V):
+def test_without_readings_the_model_alone_follows_the_tanks(applied_V: Pair) -> None:
     filter_, plant = filter_with(), Plant()
     estimate = started(filter_)
     for _ in range(300):
@@ -55,7 +58,7 @@ def test_without_readings_the_model_alone_follows_the_tanks(applied_V):
         assert all(map(math.isnan, estimate.innovation_V))
 
 
-def test_pump_lag_delays_the_flow_and_no_water_is_lost_to_it():
+def test_pump_lag_delays_the_flow_and_no_water_is_lost_to_it() -> None:
     """What the lag withholds in the end is its time constant's worth of the step."""
     filter_ = filter_with(lag_s=0.4)
     lagged = started(filter_, applied_V=(0.0, 0.0))
@@ -70,7 +73,7 @@ def test_pump_lag_delays_the_flow_and_no_water_is_lost_to_it():
     assert drive_Vs == pytest.approx(5.0 * (4.0 - 0.4), rel=1e-3)
 
 
-def test_level_rises_by_just_the_flow_that_came_through_the_lag():
+def test_level_rises_by_just_the_flow_that_came_through_the_lag() -> None:
     filter_ = filter_with(lag_s=0.4)
     blind = measurement((math.nan,) * 4, valid=NONE, readings=0)
     still = estimator.step(filter_, started(filter_), (3.0, 3.0), SOUND, blind, PERIOD_S)
@@ -80,7 +83,7 @@ def test_level_rises_by_just_the_flow_that_came_through_the_lag():
     assert rise == pytest.approx([0.7 * 3.33 / 28.0 * volt_s, 0.0, 0.0, 0.3 * 3.33 / 32.0 * volt_s], rel=5e-3, abs=2e-5)
 
 
-def test_a_wrong_start_decays_with_the_filters_time_constant():
+def test_a_wrong_start_decays_with_the_filters_time_constant() -> None:
     filter_ = filter_with(filter_s=0.5)
     wrong = tuple(h + 1.0 for h in REST)
     estimate = started(filter_, wrong)
@@ -90,7 +93,7 @@ def test_a_wrong_start_decays_with_the_filters_time_constant():
     assert left == pytest.approx(math.exp(-0.5 / 0.5), rel=0.03)
 
 
-def test_innovation_is_reading_minus_prediction():
+def test_innovation_is_reading_minus_prediction() -> None:
     filter_ = filter_with()
     read = tuple(y + d for y, d in zip(volts(REST), (0.1, -0.1, 0.02, -0.02), strict=True))
     estimate = estimator.step(filter_, started(filter_), (3.0, 3.0), SOUND, measurement(read), PERIOD_S)
@@ -99,7 +102,7 @@ def test_innovation_is_reading_minus_prediction():
     assert estimate.level_V[0] == pytest.approx(0.5 * REST[0] + share * 0.1)
 
 
-def test_a_filter_time_of_zero_believes_the_readings():
+def test_a_filter_time_of_zero_believes_the_readings() -> None:
     filter_ = filter_with(filter_s=0.0)
     read = (5.0, 6.0, 1.0, 0.5)
     estimate = estimator.step(filter_, started(filter_), (3.0, 3.0), SOUND, measurement(read), PERIOD_S)
@@ -107,7 +110,7 @@ def test_a_filter_time_of_zero_believes_the_readings():
 
 
 @pytest.mark.parametrize("channel", range(4))
-def test_a_channel_that_is_not_valid_is_only_predicted(channel):
+def test_a_channel_that_is_not_valid_is_only_predicted(channel: int) -> None:
     filter_ = filter_with()
     valid = tuple(i != channel for i in range(4))
     read = tuple(y + 0.2 for y in volts(REST))
@@ -119,21 +122,21 @@ def test_a_channel_that_is_not_valid_is_only_predicted(channel):
 
 
 @pytest.mark.parametrize("nonsense", [math.nan, math.inf, -math.inf])
-def test_a_reading_that_is_no_number_does_not_reach_the_estimate(nonsense):
+def test_a_reading_that_is_no_number_does_not_reach_the_estimate(nonsense: float) -> None:
     filter_ = filter_with()
     read = (nonsense, *volts(REST)[1:])
     estimate = estimator.step(filter_, started(filter_), (3.0, 3.0), SOUND, measurement(read), PERIOD_S)
     assert estimate.level_cm == pytest.approx(REST, abs=1e-9)
 
 
-def test_old_readings_are_not_used_twice():
+def test_old_readings_are_not_used_twice() -> None:
     filter_ = filter_with()
     read = measurement(tuple(y + 0.2 for y in volts(REST)), readings=0)
     estimate = estimator.step(filter_, started(filter_), (3.0, 3.0), SOUND, read, PERIOD_S)
     assert estimate.level_cm == pytest.approx(REST, abs=1e-9)
 
 
-def test_a_known_loss_of_gain_is_in_the_prediction():
+def test_a_known_loss_of_gain_is_in_the_prediction() -> None:
     filter_, plant = filter_with(), Plant()
     plant.effectiveness = (0.4, 0.7)
     estimate = started(filter_)
@@ -152,7 +155,7 @@ READINGS = st.tuples(*[st.floats(-1.0, 11.0)] * 4)
 
 @settings(max_examples=100, deadline=None)
 @given(LEVELS, VOLTS, READINGS, st.floats(0.001, 0.5), st.sampled_from([0.0, 0.2]), st.sampled_from([0.0, 0.5]))
-def test_no_level_is_negative(levels, applied, read, period_s, lag_s, filter_s):
+def test_no_level_is_negative(levels, applied: Pair, read, period_s: float, lag_s, filter_s) -> None:
     filter_ = filter_with(lag_s, filter_s)
     estimate = estimator.step(filter_, started(filter_, levels), applied, SOUND, measurement(read), period_s)
     assert min(estimate.level_cm) >= 0.0
@@ -161,7 +164,7 @@ def test_no_level_is_negative(levels, applied, read, period_s, lag_s, filter_s):
 
 @settings(max_examples=50, deadline=None)
 @given(LEVELS, st.floats(0.001, 0.5))
-def test_a_predicted_level_does_not_pass_the_rim(levels, period_s):
+def test_a_predicted_level_does_not_pass_the_rim(levels, period_s: float) -> None:
     filter_ = filter_with()
     estimate = started(filter_, levels)
     blind = measurement((math.nan,) * 4, valid=NONE, readings=0)
@@ -170,7 +173,7 @@ def test_a_predicted_level_does_not_pass_the_rim(levels, period_s):
         assert max(estimate.level_cm) <= BENCH.height_cm
 
 
-def test_full_tanks_stay_full_at_the_rim():
+def test_full_tanks_stay_full_at_the_rim() -> None:
     filter_ = filter_with()
     estimate = started(filter_, (20.0,) * 4, (100.0, 100.0))
     blind = measurement((math.nan,) * 4, valid=NONE, readings=0)
@@ -178,7 +181,7 @@ def test_full_tanks_stay_full_at_the_rim():
     assert estimate.level_cm == (20.0,) * 4
 
 
-def test_no_time_gone_moves_nothing():
+def test_no_time_gone_moves_nothing() -> None:
     filter_ = filter_with(lag_s=0.2)
     before = started(filter_)
     after = estimator.step(filter_, before, (9.0, 9.0), SOUND, measurement((1.0,) * 4), 0.0)

@@ -10,6 +10,7 @@ from hil.core.design import Gains
 from hil.core.eigenstructure import assign, augment
 from hil.core.reconfiguration import LEAST_EFFECTIVENESS, LOWEST_LINEARISED_CM, ControlLaw
 from hil.core.tanks import equilibrium, linearise
+from hil.core.types import Pair
 from tests.core.core_bench import BENCH, CALIBRATED, PERIOD_S, Plant, at, reconfiguration, rig_design
 
 RIG = reconfiguration()
@@ -20,12 +21,12 @@ LEVEL = st.floats(0.0, 20.0)
 CHARGE = st.floats(-50.0, 50.0)
 
 
-def reference_at(voltage_V=(3.0, 3.0)):
+def reference_at(voltage_V: Pair = (3.0, 3.0)) -> Pair:
     h1, h2, _, _ = equilibrium(BENCH, voltage_V)
     return 0.5 * h1, 0.5 * h2
 
 
-def hand_law(**changes):
+def hand_law(**changes) -> state_feedback.ControlLaw:
     """A law with numbers that can be followed on paper."""
     gains = Gains.from_matrix(np.array([[1.0, 2.0, 3.0, 4.0, 0.5, 0.1], [5.0, 6.0, 7.0, 8.0, -0.2, 0.4]]))
     values = {
@@ -39,16 +40,16 @@ def hand_law(**changes):
     return ControlLaw(**(values | changes))
 
 
-def test_feedback_is_operating_voltage_minus_gains_times_state():
+def test_feedback_is_operating_voltage_minus_gains_times_state() -> None:
     effective = state_feedback.effective_voltage(hand_law(), (2.0, -1.0), (10.1, 11.0, 2.0, 0.9))
     assert effective == pytest.approx((3.0 - 0.1 + 0.4 - 1.0 + 0.1, 4.0 - 0.5 + 0.8 + 0.4 + 0.4))
 
 
-def test_pumps_are_asked_for_the_effective_voltage_over_what_is_left_of_them():
+def test_pumps_are_asked_for_the_effective_voltage_over_what_is_left_of_them() -> None:
     assert state_feedback.pump_voltage(hand_law(), (3.0, 4.0)) == pytest.approx((6.0, 5.0))
 
 
-def test_at_the_operating_point_the_law_asks_for_the_holding_voltages():
+def test_at_the_operating_point_the_law_asks_for_the_holding_voltages() -> None:
     law = RIG.law(reference_at((2.5, 4.0)), SOUND)
     assert law.operating_V == pytest.approx((2.5, 4.0), abs=1e-9)
     assert law.operating_level_cm == pytest.approx(equilibrium(BENCH, (2.5, 4.0)), abs=1e-9)
@@ -59,7 +60,7 @@ def test_at_the_operating_point_the_law_asks_for_the_holding_voltages():
 
 @settings(max_examples=25, deadline=None)
 @given(HALF, HALF)
-def test_dividing_by_theta_is_assignment_on_the_faulty_model(e1, e2):
+def test_dividing_by_theta_is_assignment_on_the_faulty_model(e1: float, e2: float) -> None:
     """Theta^-1 K is PEA for (A, B Theta) with the parameters Theta^-1 w_i: same poles, same eigenvectors."""
     structure = rig_design().structure(at())
     A, B = augment(at())
@@ -72,7 +73,9 @@ def test_dividing_by_theta_is_assignment_on_the_faulty_model(e1, e2):
 
 @settings(max_examples=40, deadline=None)
 @given(st.tuples(LEVEL, LEVEL, LEVEL, LEVEL), CHARGE, CHARGE, st.tuples(HALF, HALF), st.floats(2.0, 4.5))
-def test_a_change_of_law_does_not_change_the_effective_voltage(level_cm, q1, q2, effectiveness, v):
+def test_a_change_of_law_does_not_change_the_effective_voltage(
+    level_cm, q1: float, q2: float, effectiveness, v: float
+) -> None:
     old = RIG.law(reference_at(), SOUND)
     new = RIG.law(reference_at((v, 3.3)), effectiveness)
     before = state_feedback.effective_voltage(old, (q1, q2), level_cm)
@@ -81,21 +84,23 @@ def test_a_change_of_law_does_not_change_the_effective_voltage(level_cm, q1, q2,
     assert after == pytest.approx(before, rel=1e-9, abs=1e-9)
 
 
-def test_bumpless_integral_undoes_the_effective_voltage():
+def test_bumpless_integral_undoes_the_effective_voltage() -> None:
     law = RIG.law(reference_at(), SOUND)
     level_cm = (11.0, 13.0, 1.5, 1.2)
     effective = state_feedback.effective_voltage(law, (1.5, -2.5), level_cm)
     assert state_feedback.bumpless_integral(law, level_cm, effective) == pytest.approx((1.5, -2.5))
 
 
-def test_without_saturation_the_integral_is_that_of_the_error():
+def test_without_saturation_the_integral_is_that_of_the_error() -> None:
     law = hand_law()
     moved = state_feedback.advance_integral(law, (1.0, 2.0), (0.3, -0.4), (0.0, 0.0), 0.1, 5.0)
     assert moved == pytest.approx((1.03, 1.96))
 
 
 @pytest.mark.parametrize(("anti_windup_s", "share"), [(5.0, 0.02), (0.1, 1.0), (0.05, 1.0), (0.0, 1.0)])
-def test_back_calculation_takes_the_voltage_asked_for_towards_the_one_applied(anti_windup_s, share):
+def test_back_calculation_takes_the_voltage_asked_for_towards_the_one_applied(
+    anti_windup_s: float, share: float
+) -> None:
     law = hand_law()
     level_cm, q = (10.0, 11.0, 2.0, 1.0), (3.0, -2.0)
     raw = np.array(state_feedback.pump_voltage(law, state_feedback.effective_voltage(law, q, level_cm)))
@@ -110,11 +115,11 @@ class SaturatedRun:
 
     limits_V = (2.5, 3.6)
 
-    def __init__(self, anti_windup=True):
+    def __init__(self, anti_windup: bool = True) -> None:
         self.plant, self.integral, self.anti_windup = Plant(), (0.0, 0.0), anti_windup
         self.raw = self.applied = self.error = None
 
-    def step(self, law):
+    def step(self, law: state_feedback.ControlLaw) -> None:
         effective = state_feedback.effective_voltage(law, self.integral, self.plant.level_cm)
         low, high = self.limits_V
         self.raw = state_feedback.pump_voltage(law, effective)
@@ -124,12 +129,12 @@ class SaturatedRun:
         self.integral = state_feedback.advance_integral(law, self.integral, self.error, excess, PERIOD_S, 5.0)
         self.plant.advance(self.applied, PERIOD_S)
 
-    def change(self, old, new):
+    def change(self, old: state_feedback.ControlLaw, new: state_feedback.ControlLaw) -> None:
         effective = state_feedback.effective_voltage(old, self.integral, self.plant.level_cm)
         self.integral = state_feedback.bumpless_integral(new, self.plant.level_cm, effective)
 
 
-def saturate(run, far_V):
+def saturate(run: SaturatedRun, far_V: float) -> state_feedback.ControlLaw:
     """Four minutes of a reference that LIMITS_V can't hold; the law then in force."""
     law = RIG.law(reference_at((far_V, far_V)), SOUND)
     for _ in range(2400):
@@ -137,7 +142,7 @@ def saturate(run, far_V):
     return law
 
 
-def come_back(run, law):
+def come_back(run: SaturatedRun, law: state_feedback.ControlLaw) -> tuple[float | None, float]:
     """Five minutes of a reference within reach: when the pumps left their limits, and the worst error past it."""
     back = RIG.law(reference_at(), SOUND)
     run.change(law, back)
@@ -152,7 +157,7 @@ def come_back(run, law):
 
 
 @pytest.mark.parametrize("far_V", [4.7, 3.9, 2.0])
-def test_a_saturated_pump_does_not_wind_up_and_recovers(far_V):
+def test_a_saturated_pump_does_not_wind_up_and_recovers(far_V: float) -> None:
     run = SaturatedRun()
     law = saturate(run, far_V)
     limit = run.limits_V[1] if far_V > 3.0 else run.limits_V[0]
@@ -167,7 +172,7 @@ def test_a_saturated_pump_does_not_wind_up_and_recovers(far_V):
     assert run.error == pytest.approx((0.0, 0.0), abs=1e-4)
 
 
-def test_without_anti_windup_the_same_run_latches():
+def test_without_anti_windup_the_same_run_latches() -> None:
     """The measure of windup above can fail."""
     run = SaturatedRun(anti_windup=False)
     law = saturate(run, 4.7)
@@ -176,7 +181,7 @@ def test_without_anti_windup_the_same_run_latches():
     assert left_s is None
 
 
-def test_a_pump_that_can_not_hold_the_reference_gets_the_nearest_that_it_can():
+def test_a_pump_that_can_not_hold_the_reference_gets_the_nearest_that_it_can() -> None:
     reference = reference_at((3.0, 3.0))
     law = RIG.law(reference, (0.25, 1.0))
     assert law.reason == "pump 1 would need 3.00 V of 2.50 V"
@@ -188,21 +193,21 @@ def test_a_pump_that_can_not_hold_the_reference_gets_the_nearest_that_it_can():
     assert law.target_V == pytest.approx((0.5 * h1, 0.5 * h2))
 
 
-def test_with_60_percent_lost_the_bench_still_reaches_its_reference():
+def test_with_60_percent_lost_the_bench_still_reaches_its_reference() -> None:
     law = RIG.law(reference_at(), (0.4, 0.4))
     assert law.reason == ""
     assert state_feedback.pump_voltage(law, law.operating_V) == pytest.approx((7.5, 7.5), abs=1e-6)
 
 
 @pytest.mark.parametrize("effectiveness", [0.0, 0.01, LEAST_EFFECTIVENESS / 2.0])
-def test_a_dead_pump_is_not_asked_for_infinitely_much(effectiveness):
+def test_a_dead_pump_is_not_asked_for_infinitely_much(effectiveness: float) -> None:
     law = RIG.law(reference_at(), (effectiveness, 1.0))
     assert law.effectiveness == (LEAST_EFFECTIVENESS, 1.0)
     assert law.operating_V[0] == pytest.approx(effectiveness * 10.0)
     assert np.isfinite(state_feedback.pump_voltage(law, law.operating_V)).all()
 
 
-def test_calibrated_law_keeps_its_operating_point_and_gain():
+def test_calibrated_law_keeps_its_operating_point_and_gain() -> None:
     away = PAPER.law(reference_at((4.0, 3.5)), (0.4, 1.0))
     assert away.operating_V == (3.0, 3.0)
     assert away.operating_level_cm == equilibrium(BENCH, (3.0, 3.0))
@@ -211,12 +216,12 @@ def test_calibrated_law_keeps_its_operating_point_and_gain():
     assert away.effectiveness == (0.4, 1.0)
 
 
-def test_rig_law_is_designed_at_the_reference():
+def test_rig_law_is_designed_at_the_reference() -> None:
     law = RIG.law(reference_at((4.0, 3.5)), (0.4, 1.0))
     assert law.gains.levels_V_cm[0] == pytest.approx(rig_design().gains(at((4.0, 3.5))).levels_V_cm[0], rel=1e-6)
 
 
-def test_empty_tanks_still_have_a_law():
+def test_empty_tanks_still_have_a_law() -> None:
     law = RIG.law((0.0, 0.0), SOUND)
     assert law.operating_V == (0.0, 0.0)
     assert law.operating_level_cm == (0.0, 0.0, 0.0, 0.0)
@@ -224,5 +229,5 @@ def test_empty_tanks_still_have_a_law():
     assert law.gains == rig_design().gains(lowest)
 
 
-def test_the_same_request_gives_the_same_law():
+def test_the_same_request_gives_the_same_law() -> None:
     assert RIG.law(reference_at(), (0.4, 0.7)) == RIG.law(reference_at(), (0.4, 0.7))

@@ -4,14 +4,17 @@ Waiting for a frame moves the clock on, to the next thing that happens at the ri
 """
 
 import itertools
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
 import can
 
 from firmware_sim import settings as emulator_settings
+from firmware_sim.faults.base import FaultTable
 from firmware_sim.faults.catalogue import KINDS
 from firmware_sim.ports import BusPort as EmulatorPort
+from firmware_sim.pump_node import PumpNode
 from firmware_sim.rig import Rig
 from hil.bench import assembly
 from hil.cli.doctor_command import expectations
@@ -19,6 +22,8 @@ from hil.doctor.examination import examine
 from hil.edge.can.bus import BusPort
 from hil.edge.config.rig_file import load_rig
 from hil.probe.bus_probe import Probe
+from hil.wire.contract import Contract
+from hil.wire.frame_check import Frame
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 RIG = load_rig(CONFIG / "rig.toml")
@@ -28,11 +33,18 @@ _channels = itertools.count()
 
 
 @lru_cache(maxsize=1)
-def contract():
+def contract() -> Contract:
     return assembly.load_contract(CONFIG / "bench.dbc")
 
 
-def fault(kind, target=None, value=None, *, at_s=0.0, until_s=None):
+def fault(
+    kind: str,
+    target: str | int | None = None,
+    value: float | None = None,
+    *,
+    at_s: float = 0.0,
+    until_s: float | None = None,
+) -> FaultTable:
     given = {"target": target, "value": value, "until_s": until_s}
     return KINDS[kind].model_validate({"kind": kind, "at_s": at_s} | {k: v for k, v in given.items() if v is not None})
 
@@ -40,7 +52,7 @@ def fault(kind, target=None, value=None, *, at_s=0.0, until_s=None):
 class LockstepBench:
     """Port and clock of a probe in one. overlay : keys over emulator.toml, table by table. rig : a class like Rig."""
 
-    def __init__(self, *, overlay=None, fingerprint=None, seed=1, rig=Rig):
+    def __init__(self, *, overlay=None, fingerprint: int | None = None, seed: int = 1, rig: type[Rig] = Rig) -> None:
         base, _ = emulator_settings.load(CONFIG / "emulator.toml")
         values = base.model_dump()
         for table, keys in (overlay or {}).items():
@@ -60,35 +72,35 @@ class LockstepBench:
         self._wait(BOOTED_NS)
         self.port.waiting()
 
-    def now_ns(self):
+    def now_ns(self) -> int:
         return self._now_ns
 
-    def receive(self, timeout_s):
+    def receive(self, timeout_s: float) -> Frame | None:
         deadline_ns = self._now_ns + max(1, round(timeout_s * 1e9))
         while (frame := self.port.receive(0.0)) is None and self._now_ns < deadline_ns:
             self._wait(min(deadline_ns, max(self.rig.next_event_ns, self._now_ns + 1)))
         return frame
 
-    def arrived_ns(self, message, now_ns):
+    def arrived_ns(self, message, now_ns: int) -> int:
         return self.port.arrived_ns(message, now_ns)
 
-    def send(self, frame_id, data, timestamp_s, **kind):
+    def send(self, frame_id: int, data: bytes, timestamp_s: float, **kind: bool) -> bool:
         self.sent.append((self._now_ns, frame_id, data))
         is_sent = self.port.send(frame_id, data, timestamp_s, **kind)
         self._far.read(self._now_ns)
         return is_sent
 
-    def inject(self, *faults):
+    def inject(self, *faults: FaultTable) -> "LockstepBench":
         for one in faults:
             self.rig.inject(one, self._now_ns)
         return self
 
-    def _wait(self, until_ns):
+    def _wait(self, until_ns: int) -> None:
         self._now_ns = until_ns
         self._far.step(until_ns)
 
     @property
-    def pump(self):
+    def pump(self) -> PumpNode:
         return self.rig.pump
 
     @property
@@ -96,15 +108,15 @@ class LockstepBench:
         """The most that the pump node has ever put out."""
         return max((max(change.applied_V) for change in self.changes if change.node == "pump"), default=0.0)
 
-    def probe(self, stop_reason=lambda: ""):
+    def probe(self, stop_reason: Callable[[], str] = lambda: "") -> Probe:
         return Probe(contract(), self, self, stop_reason)
 
-    def close(self):
+    def close(self) -> None:
         self._ours.shutdown()
         self._theirs.shutdown()
 
 
-def examined(bench, seconds=3.0, *, with_pumps=False):
+def examined(bench: LockstepBench, seconds: float = 3.0, *, with_pumps: bool = False):
     """Results by name; the bench is closed."""
     try:
         with bench.probe() as probe:

@@ -1,11 +1,16 @@
 """Pump nodes with one thing wrong each, as a firmware under development may have it."""
 
+import can
+import pytest
+
 import firmware_sim.rig
+from firmware_sim.faults.base import FaultTable
 from firmware_sim.frames import (
     COMMAND_ID,
     DATA_IDS,
     Frame,
     NodeState,
+    PumpCommand,
     Rejection,
     TripCause,
     crc8,
@@ -14,28 +19,29 @@ from firmware_sim.frames import (
 )
 from firmware_sim.pump_node import PumpNode
 from hil.conformance.suite import Plan, run_suite
-from hil.probe.result import Verdict
+from hil.core.types import Pair
+from hil.probe.result import Result, Verdict
 from tests.doctor.doctor_bench import BOOTED_NS, RIG, LockstepBench
 
 
-def frame(data):
+def frame(data: bytes) -> Frame:
     return Frame(0.0, COMMAND_ID, is_extended_id=False, data=data)
 
 
 class NoWatchdog(PumpNode):
     @property
-    def next_event_ns(self):
+    def next_event_ns(self) -> int | None:
         return super().next_event_ns if self.state is NodeState.BOOT else None
 
 
 class IgnoresCrc(PumpNode):
-    def receive(self, frame, now_ns):
+    def receive(self, frame: can.Message, now_ns: int) -> Rejection | None:
         data = bytes(frame.data)
         return super().receive(remade(frame, data=sealed(COMMAND_ID, data[:-1])) if data else frame, now_ns)
 
 
 class TakesOtherDataIds(PumpNode):
-    def receive(self, frame, now_ns):
+    def receive(self, frame: can.Message, now_ns: int) -> Rejection | None:
         data = bytes(frame.data)
         for can_id in DATA_IDS:
             if data and crc8(can_id, data[:-1]) == data[-1]:
@@ -44,7 +50,7 @@ class TakesOtherDataIds(PumpNode):
 
 
 class TakesAnyLength(PumpNode):
-    def receive(self, frame, now_ns):
+    def receive(self, frame: can.Message, now_ns: int) -> Rejection | None:
         data = bytes(frame.data)
         if data and crc8(COMMAND_ID, data[:-1]) == data[-1]:
             frame = remade(frame, data=sealed(COMMAND_ID, data[:-1].ljust(5, b"\0")[:5]))
@@ -52,24 +58,24 @@ class TakesAnyLength(PumpNode):
 
 
 class LooksAtSixBytes(PumpNode):
-    def receive(self, frame, now_ns):
+    def receive(self, frame: can.Message, now_ns: int) -> Rejection | None:
         return super().receive(remade(frame, data=bytes(frame.data)[:6]), now_ns)
 
 
 class TakesExtended(PumpNode):
-    def receive(self, received, now_ns):
+    def receive(self, received: can.Message, now_ns: int) -> Rejection | None:
         return super().receive(frame(bytes(received.data)), now_ns)
 
 
 class TakesRemote(PumpNode):
-    def receive(self, received, now_ns):
+    def receive(self, received: can.Message, now_ns: int) -> Rejection | None:
         if received.is_remote_frame:
             received = frame(sealed(COMMAND_ID, bytes((0, 0, 0, 0, self.next_counter << 4))))
         return super().receive(received, now_ns)
 
 
 class ClipsRange(PumpNode):
-    def receive(self, received, now_ns):
+    def receive(self, received: can.Message, now_ns: int) -> Rejection | None:
         data = bytes(received.data)
         if len(data) == 6 and crc8(COMMAND_ID, data[:-1]) == data[-1]:
             raws = (min(int.from_bytes(data[at : at + 2], "little"), 50_000) for at in (0, 2))
@@ -79,42 +85,42 @@ class ClipsRange(PumpNode):
 
 
 class RefusesSpareBits(PumpNode):
-    def receive(self, received, now_ns):
+    def receive(self, received: can.Message, now_ns: int) -> Rejection | None:
         if len(received.data) == 6 and received.data[4] & 0b1100:
             return Rejection.RANGE
         return super().receive(received, now_ns)
 
 
 class TakesAnyCounter(PumpNode):
-    def _judge_counter(self, *_):
+    def _judge_counter(self, *_: int) -> int | Rejection:
         return 0
 
 
 class TakesRepeated(PumpNode):
-    def _judge_counter(self, counter, now_ns):
+    def _judge_counter(self, counter: int, now_ns: int) -> int | Rejection:
         verdict = super()._judge_counter(counter, now_ns)
         return 0 if verdict is Rejection.DUPLICATE else verdict
 
 
 class TakesOld(PumpNode):
-    def _judge_counter(self, counter, now_ns):
+    def _judge_counter(self, counter: int, now_ns: int) -> int | Rejection:
         verdict = super()._judge_counter(counter, now_ns)
         return 0 if verdict is Rejection.OLD else verdict
 
 
 class WantsEveryCounter(PumpNode):
-    def _judge_counter(self, counter, now_ns):
+    def _judge_counter(self, counter: int, now_ns: int) -> int | Rejection:
         lost = super()._judge_counter(counter, now_ns)
         return Rejection.OLD if lost not in (0, Rejection.DUPLICATE) else lost
 
 
 class NeverResynchronises(PumpNode):
-    def _judge_counter(self, counter, now_ns):
+    def _judge_counter(self, counter: int, now_ns: int) -> int | Rejection:
         return super()._judge_counter(counter, now_ns if self._last is None else self._last[1])
 
 
 class FedByRefused(PumpNode):
-    def receive(self, received, now_ns):
+    def receive(self, received: can.Message, now_ns: int) -> Rejection | None:
         refusal = super().receive(received, now_ns)
         if refusal is not None and self._last is not None:
             self._last = (self._last[0], now_ns)
@@ -122,14 +128,14 @@ class FedByRefused(PumpNode):
 
 
 class CountsRefused(PumpNode):
-    def receive(self, received, now_ns):
+    def receive(self, received: can.Message, now_ns: int) -> Rejection | None:
         refusal = super().receive(received, now_ns)
         self.accepted += refusal is not None
         return refusal
 
 
 class EchoesNothing(PumpNode):
-    def status(self):
+    def status(self) -> bytes:
         last, self._last = self._last, None
         payload = super().status()
         self._last = last
@@ -137,13 +143,13 @@ class EchoesNothing(PumpNode):
 
 
 class CountsNothing(PumpNode):
-    def status(self):
+    def status(self) -> bytes:
         self.accepted = 0
         return super().status()
 
 
 class NotLatched(PumpNode):
-    def _obey(self, command, now_ns):
+    def _obey(self, command: PumpCommand, now_ns: int) -> None:
         if self.state is NodeState.TRIPPED and command.enable:
             self.state, self.trip_cause = NodeState.READY, TripCause.NONE
         super()._obey(command, now_ns)
@@ -152,14 +158,14 @@ class NotLatched(PumpNode):
 class MovesWhileTripped(PumpNode):
     """Says tripped, and moves."""
 
-    def _obey(self, command, now_ns):
+    def _obey(self, command: PumpCommand, now_ns: int) -> None:
         super()._obey(command, now_ns)
         if self.state is NodeState.TRIPPED and command.enable:
             self._enter(now_ns, NodeState.TRIPPED, command.command_V, "command")
 
 
 class ClearsWhileEnabled(PumpNode):
-    def _obey(self, command, now_ns):
+    def _obey(self, command: PumpCommand, now_ns: int) -> None:
         if self.state is NodeState.TRIPPED and command.clear_trip and command.enable:
             self.state, self.trip_cause = NodeState.READY, TripCause.NONE
             return
@@ -167,7 +173,7 @@ class ClearsWhileEnabled(PumpNode):
 
 
 class ClearsWithVoltage(PumpNode):
-    def _obey(self, command, now_ns):
+    def _obey(self, command: PumpCommand, now_ns: int) -> None:
         if self.state is NodeState.TRIPPED and command.clear_trip and not command.enable:
             self.state, self.trip_cause = NodeState.READY, TripCause.NONE
             return
@@ -175,32 +181,32 @@ class ClearsWithVoltage(PumpNode):
 
 
 class NeverClears(PumpNode):
-    def _obey(self, command, now_ns):
+    def _obey(self, command: PumpCommand, now_ns: int) -> None:
         if self.state is not NodeState.TRIPPED:
             super()._obey(command, now_ns)
 
 
 class ClearedBySilence(PumpNode):
-    def status(self):
+    def status(self) -> bytes:
         if self.state is NodeState.TRIPPED:
             self.state, self.trip_cause = NodeState.READY, TripCause.NONE
         return super().status()
 
 
 class KeepsCause(PumpNode):
-    def _obey(self, command, now_ns):
+    def _obey(self, command: PumpCommand, now_ns: int) -> None:
         super()._obey(command, now_ns)
         if self.state is NodeState.READY and command.clear_trip and self.accepted > 0:
             self.trip_cause = TripCause.WATCHDOG
 
 
 class TripsWhenReady(PumpNode):
-    def status(self):
+    def status(self) -> bytes:
         if self.state is NodeState.READY and self._last is not None and self._quiet():
             self.state, self.trip_cause = NodeState.TRIPPED, TripCause.WATCHDOG
         return super().status()
 
-    def receive(self, received, now_ns):
+    def receive(self, received: can.Message, now_ns: int) -> Rejection | None:
         self._calls = 0
         return super().receive(received, now_ns)
 
@@ -210,7 +216,7 @@ class TripsWhenReady(PumpNode):
 
 
 class ClearingTrips(PumpNode):
-    def _obey(self, command, now_ns):
+    def _obey(self, command: PumpCommand, now_ns: int) -> None:
         was_tripped = self.state is NodeState.TRIPPED
         super()._obey(command, now_ns)
         if command.clear_trip and not was_tripped:
@@ -218,40 +224,40 @@ class ClearingTrips(PumpNode):
 
 
 class StaysEnabled(PumpNode):
-    def _obey(self, command, now_ns):
+    def _obey(self, command: PumpCommand, now_ns: int) -> None:
         if self.state is NodeState.RUN and not command.enable:
             return
         super()._obey(command, now_ns)
 
 
 class RunsUnasked(PumpNode):
-    def _obey(self, command, now_ns):
+    def _obey(self, command: PumpCommand, now_ns: int) -> None:
         super()._obey(command, now_ns)
         if self.state is NodeState.READY and not command.clear_trip:
             self.state = NodeState.RUN
 
 
 class BootsWithVoltage(PumpNode):
-    def run_event(self, now_ns):
+    def run_event(self, now_ns: int) -> None:
         super().run_event(now_ns)
         if self.state is NodeState.READY:
             self.applied_V = (3.0, 0.0)
 
 
 class SwapsOutputs(PumpNode):
-    def _enter(self, now_ns, state, applied_V, cause):
+    def _enter(self, now_ns: int, state: NodeState, applied_V: Pair, cause: str) -> None:
         super()._enter(now_ns, state, (applied_V[1], applied_V[0]), cause)
 
 
 class HalfVoltage(PumpNode):
-    def _enter(self, now_ns, state, applied_V, cause):
+    def _enter(self, now_ns: int, state: NodeState, applied_V: Pair, cause: str) -> None:
         super()._enter(now_ns, state, (applied_V[0] / 2, applied_V[1] / 2), cause)
 
 
 class HoldsVoltageInTrip(PumpNode):
     """Tripped, but the converter is not told; rest only once it is disabled."""
 
-    def run_event(self, now_ns):
+    def run_event(self, now_ns: int) -> None:
         held_V = self.applied_V
         super().run_event(now_ns)
         if self.state is NodeState.TRIPPED:
@@ -259,7 +265,7 @@ class HoldsVoltageInTrip(PumpNode):
 
 
 class TakesAnyRangeWhileRunning(PumpNode):
-    def receive(self, received, now_ns):
+    def receive(self, received: can.Message, now_ns: int) -> Rejection | None:
         data = bytes(received.data)
         if self.state is NodeState.RUN and len(data) == 6 and data[4] & 1 and any(data[:4]):
             raws = (min(int.from_bytes(data[at : at + 2], "little"), 50_000) for at in (0, 2))
@@ -269,7 +275,15 @@ class TakesAnyRangeWhileRunning(PumpNode):
         return super().receive(received, now_ns)
 
 
-def tried(monkeypatch, node, *faults, with_pumps=False, pump_node=True, level_node=False, **bench):
+def tried(
+    monkeypatch: pytest.MonkeyPatch,
+    node: type[PumpNode],
+    *faults: FaultTable,
+    with_pumps: bool = False,
+    pump_node: bool = True,
+    level_node: bool = False,
+    **bench: int,
+) -> tuple[dict[str, Result], LockstepBench]:
     """Results by name, and the bench: the node in the place of the emulator's."""
     monkeypatch.setattr(firmware_sim.rig, "PumpNode", node)
     there = LockstepBench(**bench).inject(*faults)
@@ -283,5 +297,5 @@ def tried(monkeypatch, node, *faults, with_pumps=False, pump_node=True, level_no
     return {result.check: result for result in results}, there
 
 
-def failures(results):
+def failures(results: dict[str, Result]):
     return {name for name, result in results.items() if result.verdict is Verdict.FAIL}

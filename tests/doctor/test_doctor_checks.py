@@ -2,10 +2,12 @@
 
 import pytest
 
+from firmware_sim.faults.base import FaultTable
 from firmware_sim.frames import NodeState
 from hil.doctor.examination import examine
 from hil.probe.bus_probe import InterruptedByUserError
 from hil.probe.result import Verdict
+from hil.wire.frame_check import Frame
 from tests.doctor.doctor_bench import WANTS, LockstepBench, contract, examined, fault
 
 PASS, WARN, FAIL, NOT_CHECKED = Verdict.PASS, Verdict.WARN, Verdict.FAIL, Verdict.NOT_CHECKED
@@ -27,7 +29,7 @@ ALL_CHECKS = {
 }
 
 
-def test_a_sound_bench_passes_every_check_and_moves_no_pump():
+def test_a_sound_bench_passes_every_check_and_moves_no_pump() -> None:
     bench = LockstepBench()
     results = examined(bench)
     assert set(results) == ALL_CHECKS
@@ -82,12 +84,12 @@ WRONG = [
 ]
 
 
-def name_of(case):
+def name_of(case) -> str:
     return f"{case.kind} {case.target}" if hasattr(case, "kind") else str(case)
 
 
 @pytest.mark.parametrize(("what", "check", "verdict"), WRONG, ids=name_of)
-def test_a_fault_is_found(what, check, verdict):
+def test_a_fault_is_found(what: FaultTable, check: str, verdict: Verdict) -> None:
     bench = LockstepBench().inject(what)
     results = examined(bench)
     assert results[check].verdict is verdict, results[check]
@@ -110,25 +112,25 @@ def test_a_fault_is_found(what, check, verdict):
         ({"watchdog_s": 10.0}, "watchdog", FAIL),
     ],
 )
-def test_wrong_timing_is_found(keys, check, verdict):
+def test_wrong_timing_is_found(keys: dict[str, float], check: str, verdict: Verdict) -> None:
     results = examined(LockstepBench(overlay={"nodes": keys}))
     assert results[check].verdict is verdict, results[check]
 
 
-def test_unsteady_frames_are_found():
+def test_unsteady_frames_are_found() -> None:
     delays = [fault("frame_delay", "LowerLevels", 0.015, at_s=0.1 * k, until_s=0.1 * k + 0.05) for k in range(40)]
     results = examined(LockstepBench().inject(*delays))
     assert results["LowerLevels period"].verdict is WARN
     assert results["UpperLevels period"].verdict is PASS
 
 
-def test_the_watchdog_is_not_timed_by_unsteady_status_frames():
+def test_the_watchdog_is_not_timed_by_unsteady_status_frames() -> None:
     delays = [fault("frame_delay", "PumpStatus", 0.03, at_s=0.2 * k, until_s=0.2 * k + 0.1) for k in range(200)]
     results = examined(LockstepBench().inject(*delays))
     assert results["watchdog"].verdict is WARN, results["watchdog"]
 
 
-def test_nodes_of_another_dbc_are_found():
+def test_nodes_of_another_dbc_are_found() -> None:
     results = examined(LockstepBench(fingerprint=contract().fingerprint ^ 1))
     for check in ("pump node contract", "level node contract"):
         assert results[check].verdict is FAIL
@@ -136,22 +138,22 @@ def test_nodes_of_another_dbc_are_found():
 
 
 @pytest.mark.parametrize(("noise_V", "verdict"), [(0.0005, WARN), (0.004, PASS), (0.006, PASS)])
-def test_noise_is_held_against_the_rig_file(noise_V, verdict):
+def test_noise_is_held_against_the_rig_file(noise_V: float, verdict: Verdict) -> None:
     results = examined(LockstepBench(overlay={"sensors": {"noise_V": noise_V, "adc_bits": 16}}))
     assert {results[f"sensor {tank} noise"].verdict for tank in SENSORS} == {verdict}
 
 
-def test_an_empty_tank_is_not_taken_for_a_stuck_sensor():
+def test_an_empty_tank_is_not_taken_for_a_stuck_sensor() -> None:
     results = examined(LockstepBench(overlay={"tanks": {"start_V": (0.0, 0.0)}, "sensors": {"noise_V": 0.001}}))
     assert {results[f"sensor {tank} noise"].verdict for tank in SENSORS} == {NOT_CHECKED}
 
 
-def test_a_draining_tank_adds_no_noise():
+def test_a_draining_tank_adds_no_noise() -> None:
     results = examined(LockstepBench(overlay={"tanks": {"hold_until_run": False}}))
     assert {results[f"sensor {tank} noise"].verdict for tank in SENSORS} == {PASS}
 
 
-def tripped_bench():
+def tripped_bench() -> LockstepBench:
     bench = LockstepBench()
     with bench.probe() as probe:
         probe.listen(0.2)
@@ -162,7 +164,7 @@ def tripped_bench():
     return bench
 
 
-def test_a_trip_that_was_there_before_is_left_alone():
+def test_a_trip_that_was_there_before_is_left_alone() -> None:
     bench = tripped_bench()
     results = examined(bench)
     assert results["pump node heartbeat"].verdict is WARN
@@ -174,7 +176,7 @@ def test_a_trip_that_was_there_before_is_left_alone():
 
 
 @pytest.mark.parametrize("volts", [0.0, 2.0])
-def test_nothing_is_sent_to_a_node_that_somebody_else_commands(volts):
+def test_nothing_is_sent_to_a_node_that_somebody_else_commands(volts: float) -> None:
     bench = LockstepBench().inject(fault("foreign_command", "PumpCommand", volts))
     results = examined(bench)
     assert results["watchdog"].verdict is NOT_CHECKED
@@ -182,24 +184,24 @@ def test_nothing_is_sent_to_a_node_that_somebody_else_commands(volts):
     assert bench.sent == []
 
 
-def test_nothing_is_sent_to_a_node_that_is_not_heard():
+def test_nothing_is_sent_to_a_node_that_is_not_heard() -> None:
     bench = LockstepBench().inject(fault("node_silent", "pump"))
     examined(bench)
     assert bench.sent == []
 
 
-def test_somebody_who_commands_in_the_midst_ends_it_with_one_command_of_zero():
+def test_somebody_who_commands_in_the_midst_ends_it_with_one_command_of_zero() -> None:
     bench = LockstepBench().inject(fault("foreign_command", "PumpCommand", 0.0, at_s=5.0))
     results = examined(bench)
     assert "somebody else" in results["examination"].found
     assert len([t_ns for t_ns, _, _ in bench.sent if t_ns >= 6_100_000_000]) == 0
 
 
-def test_a_bus_that_goes_away_is_a_failed_check():
+def test_a_bus_that_goes_away_is_a_failed_check() -> None:
     bench = LockstepBench()
     receive = bench.receive
 
-    def cut(timeout_s):
+    def cut(timeout_s) -> Frame | None:
         if bench.now_ns() > 5_000_000_000:
             bench.is_up, bench.last_error = False, "cable pulled"
             return None
@@ -215,7 +217,7 @@ WITH_PUMPS = ("pump 1 voltage", "pump 1 to tank 1", "pump 1 to tank 4")
 MORE_PUMPS = ("pump 2 voltage", "pump 2 to tank 2", "pump 2 to tank 3")
 
 
-def test_with_pumps_each_is_moved_and_seen_in_its_two_tanks():
+def test_with_pumps_each_is_moved_and_seen_in_its_two_tanks() -> None:
     bench = LockstepBench()
     results = examined(bench, with_pumps=True)
     assert {results[name].verdict for name in (*WITH_PUMPS, *MORE_PUMPS)} == {PASS}, results
@@ -225,7 +227,7 @@ def test_with_pumps_each_is_moved_and_seen_in_its_two_tanks():
 
 
 @pytest.mark.parametrize("draining", [True, False])
-def test_with_pumps_the_response_is_that_of_the_pump_whatever_drains(draining):
+def test_with_pumps_the_response_is_that_of_the_pump_whatever_drains(draining: bool) -> None:
     bench = LockstepBench(overlay={"tanks": {"hold_until_run": not draining, "start_V": (2.0, 2.0)}})
     results = examined(bench, with_pumps=True)
     assert {results[name].verdict for name in (*WITH_PUMPS, *MORE_PUMPS)} == {PASS}, results
@@ -243,18 +245,18 @@ def test_with_pumps_the_response_is_that_of_the_pump_whatever_drains(draining):
     ],
     ids=name_of,
 )
-def test_with_pumps_a_weak_or_dead_pump_is_found(what, check, verdict):
+def test_with_pumps_a_weak_or_dead_pump_is_found(what: FaultTable, check: str, verdict: Verdict) -> None:
     bench = LockstepBench().inject(what)
     results = examined(bench, with_pumps=True)
     assert results[check].verdict is verdict, results
     assert bench.pump.applied_V == (0.0, 0.0)
 
 
-def test_with_pumps_a_status_that_stays_away_ends_it_at_zero():
+def test_with_pumps_a_status_that_stays_away_ends_it_at_zero() -> None:
     bench = LockstepBench()
     send = bench.send
 
-    def sending(frame_id, data, timestamp_s, **kind):
+    def sending(frame_id, data, timestamp_s, **kind) -> bool:
         if any(data[:4]) and not bench.rig.truth().faults:
             bench.inject(fault("frame_loss", "PumpStatus", 1.0))
         return send(frame_id, data, timestamp_s, **kind)
@@ -267,21 +269,21 @@ def test_with_pumps_a_status_that_stays_away_ends_it_at_zero():
 
 
 @pytest.mark.parametrize("what", [fault("sensor_open", 2), fault("frame_loss", "PumpCommand", 0.3)], ids=name_of)
-def test_no_pump_is_moved_after_a_failed_check(what):
+def test_no_pump_is_moved_after_a_failed_check(what: FaultTable) -> None:
     bench = LockstepBench().inject(what)
     results = examined(bench, with_pumps=True)
     assert results["pumps"].verdict is NOT_CHECKED
     assert bench.highest_voltage == 0.0
 
 
-def test_no_pump_is_moved_over_a_full_tank():
+def test_no_pump_is_moved_over_a_full_tank() -> None:
     bench = LockstepBench(overlay={"tanks": {"start_V": (3.6, 3.6)}}).inject(fault("outlet_block", 1, 1.0))
     results = examined(bench, with_pumps=True)
     assert results["pumps"].found == "a tank is nearly full"
     assert bench.highest_voltage == 0.0
 
 
-def test_no_pump_is_moved_while_the_node_is_tripped():
+def test_no_pump_is_moved_while_the_node_is_tripped() -> None:
     bench = tripped_bench()
     results = examined(bench, with_pumps=True)
     assert results["pumps"].verdict is NOT_CHECKED
@@ -289,7 +291,7 @@ def test_no_pump_is_moved_while_the_node_is_tripped():
 
 
 @pytest.mark.parametrize("after_s", [0.5, 3.2, 3.7, 4.1, 4.6, 7.0, 9.0, 11.5, 12.6, 13.5, 15.0, 17.5, 19.0, 21.0])
-def test_whenever_it_is_interrupted_the_node_ends_ready_at_zero(after_s):
+def test_whenever_it_is_interrupted_the_node_ends_ready_at_zero(after_s: float) -> None:
     bench = LockstepBench()
     until_ns = bench.now_ns() + round(after_s * 1e9)
     with (
@@ -303,11 +305,11 @@ def test_whenever_it_is_interrupted_the_node_ends_ready_at_zero(after_s):
 
 
 @pytest.mark.parametrize("after_s", [4.0, 13.5, 15.0, 19.5])
-def test_whatever_raises_the_node_ends_at_zero(after_s):
+def test_whatever_raises_the_node_ends_at_zero(after_s: float) -> None:
     bench = LockstepBench()
     until_ns, receive = bench.now_ns() + round(after_s * 1e9), bench.receive
 
-    def failing(timeout_s):
+    def failing(timeout_s) -> Frame | None:
         if bench.now_ns() >= until_ns:
             raise RuntimeError("a bug")
         return receive(timeout_s)
@@ -323,11 +325,11 @@ def test_whatever_raises_the_node_ends_at_zero(after_s):
 
 
 @pytest.mark.parametrize("after_s", [1.5, 4.6, 5.2, 5.9, 6.4, 7.7, 9.1, 10.0, 11.0])
-def test_a_host_that_stands_still_for_a_moment_makes_no_check_fail(after_s):
+def test_a_host_that_stands_still_for_a_moment_makes_no_check_fail(after_s: float) -> None:
     bench = LockstepBench()
     receive, stalls = bench.receive, []
 
-    def stalling(timeout_s):
+    def stalling(timeout_s) -> Frame | None:
         if not stalls and bench.now_ns() >= after_s * 1e9:
             stalls.append(bench.now_ns())
             bench._wait(bench.now_ns() + 400_000_000)  # frames pile up and come all at once

@@ -1,14 +1,17 @@
 """The conformance check: the emulator passes it; every broken node fails the test that is meant for it."""
 
 import json
+from pathlib import Path
 
 import pytest
 
+from firmware_sim.faults.base import FaultTable
 from firmware_sim.frames import NodeState
 from firmware_sim.pump_node import PumpNode
 from hil.conformance import suite
 from hil.probe.bus_probe import InterruptedByUserError
-from hil.probe.result import Verdict
+from hil.probe.result import Result, Verdict
+from hil.wire.frame_check import Frame
 from tests.doctor import nodes_bench as nodes
 from tests.doctor.doctor_bench import contract, fault
 from tests.doctor.nodes_bench import failures, tried
@@ -65,7 +68,7 @@ def by_name(node):
     return node.__name__
 
 
-def test_the_emulator_conforms_at_rest_and_no_pump_moves(monkeypatch):
+def test_the_emulator_conforms_at_rest_and_no_pump_moves(monkeypatch: pytest.MonkeyPatch) -> None:
     results, bench = tried(monkeypatch, PumpNode, level_node=True)
     assert {result.verdict for result in results.values()} == {Verdict.PASS}, results
     assert suite.conforms(list(results.values()))
@@ -73,7 +76,7 @@ def test_the_emulator_conforms_at_rest_and_no_pump_moves(monkeypatch):
     assert (bench.pump.state, bench.pump.applied_V) == (NodeState.READY, (0.0, 0.0))
 
 
-def test_the_emulator_conforms_with_pumps_and_ends_at_zero(monkeypatch):
+def test_the_emulator_conforms_with_pumps_and_ends_at_zero(monkeypatch: pytest.MonkeyPatch) -> None:
     results, bench = tried(monkeypatch, PumpNode, with_pumps=True)
     assert {result.verdict for result in results.values()} == {Verdict.PASS}, results
     assert set(BROKEN_AT_VOLTAGE.values()) <= set(results)
@@ -81,7 +84,7 @@ def test_the_emulator_conforms_with_pumps_and_ends_at_zero(monkeypatch):
     assert (bench.pump.state, bench.pump.applied_V) == (NodeState.READY, (0.0, 0.0))
 
 
-def test_at_rest_no_frame_asks_for_a_voltage_not_even_a_broken_one(monkeypatch):
+def test_at_rest_no_frame_asks_for_a_voltage_not_even_a_broken_one(monkeypatch: pytest.MonkeyPatch) -> None:
     """A node that takes what it must refuse shall not move a pump by it."""
     _, bench = tried(monkeypatch, PumpNode)
     assert len(bench.sent) > 200
@@ -91,7 +94,7 @@ def test_at_rest_no_frame_asks_for_a_voltage_not_even_a_broken_one(monkeypatch):
 
 
 @pytest.mark.parametrize("node", BROKEN, ids=by_name)
-def test_a_broken_node_fails_its_test_and_moves_no_pump(monkeypatch, node):
+def test_a_broken_node_fails_its_test_and_moves_no_pump(monkeypatch: pytest.MonkeyPatch, node: type[PumpNode]) -> None:
     results, bench = tried(monkeypatch, node)
     assert BROKEN[node] in failures(results)
     assert not suite.conforms(list(results.values()))
@@ -101,7 +104,9 @@ def test_a_broken_node_fails_its_test_and_moves_no_pump(monkeypatch, node):
 
 
 @pytest.mark.parametrize("node", BROKEN_AT_VOLTAGE, ids=by_name)
-def test_what_only_shows_at_a_voltage_is_found_with_pumps(monkeypatch, node):
+def test_what_only_shows_at_a_voltage_is_found_with_pumps(
+    monkeypatch: pytest.MonkeyPatch, node: type[PumpNode]
+) -> None:
     results, _ = tried(monkeypatch, node, with_pumps=True)
     assert failures(results) == {BROKEN_AT_VOLTAGE[node]}
     results, bench = tried(monkeypatch, node)
@@ -110,13 +115,15 @@ def test_what_only_shows_at_a_voltage_is_found_with_pumps(monkeypatch, node):
 
 
 @pytest.mark.parametrize("node", FEEDING, ids=by_name)
-def test_a_watchdog_fed_by_what_must_be_refused_is_found(monkeypatch, node):
+def test_a_watchdog_fed_by_what_must_be_refused_is_found(monkeypatch: pytest.MonkeyPatch, node: type[PumpNode]) -> None:
     results, _ = tried(monkeypatch, node)
     assert "fed by" in results["watchdog is not fed by refused frames"].found
 
 
 @pytest.mark.parametrize("node", [nodes.IgnoresCrc, nodes.NotLatched], ids=by_name)
-def test_a_node_that_fails_at_rest_gets_no_voltage_with_pumps(monkeypatch, node):
+def test_a_node_that_fails_at_rest_gets_no_voltage_with_pumps(
+    monkeypatch: pytest.MonkeyPatch, node: type[PumpNode]
+) -> None:
     results, bench = tried(monkeypatch, node, with_pumps=True)
     assert {results[name].verdict for name in BROKEN_AT_VOLTAGE.values()} == {Verdict.NOT_CHECKED}
     assert bench.highest_voltage == 0.0
@@ -125,12 +132,12 @@ def test_a_node_that_fails_at_rest_gets_no_voltage_with_pumps(monkeypatch, node)
 @pytest.mark.parametrize(
     ("watchdog_s", "passes"), [(0.2, False), (0.225, False), (0.24, True), (0.26, True), (0.285, False), (0.4, False)]
 )
-def test_the_watchdog_is_timed(monkeypatch, watchdog_s, passes):
+def test_the_watchdog_is_timed(monkeypatch: pytest.MonkeyPatch, watchdog_s: float, passes: bool) -> None:
     results, _ = tried(monkeypatch, PumpNode, overlay={"nodes": {"watchdog_s": watchdog_s}})
     assert (results["watchdog after 250 ms"].verdict is Verdict.PASS) is passes, results["watchdog after 250 ms"]
 
 
-def test_a_tripped_node_is_cleared_by_the_check(monkeypatch):
+def test_a_tripped_node_is_cleared_by_the_check(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("firmware_sim.rig.PumpNode", PumpNode)
     bench = nodes.LockstepBench()
     with bench.probe() as probe:
@@ -161,7 +168,7 @@ FAULTY = [
 
 
 @pytest.mark.parametrize(("what", "name"), FAULTY, ids=lambda case: getattr(case, "kind", case))
-def test_faults_of_frames_and_nodes_are_found(monkeypatch, what, name):
+def test_faults_of_frames_and_nodes_are_found(monkeypatch: pytest.MonkeyPatch, what: FaultTable, name: str) -> None:
     results, _ = tried(monkeypatch, PumpNode, what, level_node=True)
     assert name in failures(results), results
 
@@ -175,17 +182,17 @@ def test_faults_of_frames_and_nodes_are_found(monkeypatch, what, name):
         ({"boot_s": 30.0}, "level node runs"),
     ],
 )
-def test_wrong_timing_is_found(monkeypatch, keys, name):
+def test_wrong_timing_is_found(monkeypatch: pytest.MonkeyPatch, keys: dict[str, float], name: str) -> None:
     results, _ = tried(monkeypatch, PumpNode, level_node=True, overlay={"nodes": keys})
     assert name in failures(results), results
 
 
-def test_nodes_of_another_dbc_are_found(monkeypatch):
+def test_nodes_of_another_dbc_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     results, _ = tried(monkeypatch, PumpNode, level_node=True, fingerprint=1)
     assert {"pump node contract", "level node contract"} <= failures(results)
 
 
-def test_a_stranger_in_the_midst_ends_the_check_with_one_command_of_zero(monkeypatch):
+def test_a_stranger_in_the_midst_ends_the_check_with_one_command_of_zero(monkeypatch: pytest.MonkeyPatch) -> None:
     results, bench = tried(monkeypatch, PumpNode, fault("foreign_command", "PumpCommand", 0.0, at_s=8.0))
     assert "somebody else commands" in results["conformance test"].found
     after = [data for t_ns, _, data in bench.sent if t_ns >= 9_000_000_000]
@@ -194,7 +201,7 @@ def test_a_stranger_in_the_midst_ends_the_check_with_one_command_of_zero(monkeyp
     assert not after[0][4] & 0b11
 
 
-def test_json_is_what_the_table_says(tmp_path):
+def test_json_is_what_the_table_says(tmp_path: Path) -> None:
     from hil.cli.conformance_command import ConformanceOptions, _write
     from hil.edge.can.bus import BusAddress
     from hil.probe.result import failed, passed
@@ -209,12 +216,14 @@ def test_json_is_what_the_table_says(tmp_path):
 
 
 @pytest.mark.parametrize("after_s", [6.3, 8.0, 9.6, 11.1, 14.0, 17.0, 19.5, 20.0, 22.0, 24.05, 26.0])
-def test_a_host_that_stands_still_for_a_moment_makes_no_sound_node_fail(monkeypatch, after_s):
+def test_a_host_that_stands_still_for_a_moment_makes_no_sound_node_fail(
+    monkeypatch: pytest.MonkeyPatch, after_s: float
+) -> None:
     monkeypatch.setattr("firmware_sim.rig.PumpNode", PumpNode)
     bench = nodes.LockstepBench()
     receive, stalls = bench.receive, []
 
-    def stalling(timeout_s):
+    def stalling(timeout_s) -> Frame | None:
         if not stalls and bench.now_ns() >= after_s * 1e9:
             stalls.append(bench.now_ns())
             bench._wait(bench.now_ns() + 400_000_000)  # frames pile up and come all at once
@@ -229,7 +238,9 @@ def test_a_host_that_stands_still_for_a_moment_makes_no_sound_node_fail(monkeypa
 
 
 @pytest.mark.parametrize("after_s", [3.0, 9.7, 14.2, 19.3, 21.1, 23.0, 24.4, 26.2, 31.0])
-def test_whenever_it_is_interrupted_the_node_ends_ready_at_zero(monkeypatch, after_s):
+def test_whenever_it_is_interrupted_the_node_ends_ready_at_zero(
+    monkeypatch: pytest.MonkeyPatch, after_s: float
+) -> None:
     monkeypatch.setattr("firmware_sim.rig.PumpNode", PumpNode)
     bench = nodes.LockstepBench()
     until_ns = bench.now_ns() + round(after_s * 1e9)
@@ -243,13 +254,13 @@ def test_whenever_it_is_interrupted_the_node_ends_ready_at_zero(monkeypatch, aft
     bench.close()
 
 
-def cycled(monkeypatch, what, *, node=PumpNode, within_s=10.0):
+def cycled(monkeypatch: pytest.MonkeyPatch, what, *, node: type[PumpNode] = PumpNode, within_s: float = 10.0) -> Result:
     """The last test alone: somebody is asked to switch the node off and on, and does `what`."""
     monkeypatch.setattr("firmware_sim.rig.PumpNode", node)
     bench = nodes.LockstepBench()
     asked = []
 
-    def ask(text):
+    def ask(text) -> None:
         asked.append(text)
         what(bench)
 
@@ -261,16 +272,16 @@ def cycled(monkeypatch, what, *, node=PumpNode, within_s=10.0):
     return results["boots at 0 V"]
 
 
-def off_and_on(bench):
+def off_and_on(bench) -> None:
     bench.inject(fault("node_reboot", "pump", at_s=1.0, until_s=3.0))
 
 
 class BootsRunning(PumpNode):
-    def reboot(self, now_ns, power_ns):
+    def reboot(self, now_ns: int, power_ns: int) -> None:
         super().reboot(now_ns, power_ns)
         self._wakes = True
 
-    def run_event(self, now_ns):
+    def run_event(self, now_ns: int) -> None:
         was_boot = self.state is NodeState.BOOT
         super().run_event(now_ns)
         if was_boot and self.state is NodeState.READY and getattr(self, "_wakes", False):
@@ -278,18 +289,18 @@ class BootsRunning(PumpNode):
 
 
 class KeepsTrip(PumpNode):
-    def reboot(self, now_ns, power_ns):
+    def reboot(self, now_ns: int, power_ns: int) -> None:
         super().reboot(now_ns, power_ns)
         self.accepted = 7
 
 
 class ForgetsToCount(PumpNode):
-    def reboot(self, now_ns, power_ns):
+    def reboot(self, now_ns: int, power_ns: int) -> None:
         super().reboot(now_ns, power_ns)
         self._boot_count += 1
 
 
-def test_a_power_cycle_shows_how_the_node_boots(monkeypatch):
+def test_a_power_cycle_shows_how_the_node_boots(monkeypatch: pytest.MonkeyPatch) -> None:
     assert cycled(monkeypatch, off_and_on).verdict is Verdict.PASS
 
 
@@ -301,11 +312,11 @@ def test_a_power_cycle_shows_how_the_node_boots(monkeypatch):
         (ForgetsToCount, "boot count 3 after 1, must be 2"),
     ],
 )
-def test_a_node_that_boots_wrongly_is_found(monkeypatch, node, word):
+def test_a_node_that_boots_wrongly_is_found(monkeypatch: pytest.MonkeyPatch, node: type[PumpNode], word: str) -> None:
     result = cycled(monkeypatch, off_and_on, node=node)
     assert result.verdict is Verdict.FAIL
     assert word in result.found
 
 
-def test_nobody_switches_it_off(monkeypatch):
+def test_nobody_switches_it_off(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "no other boot count" in cycled(monkeypatch, lambda _: None, within_s=3.0).found

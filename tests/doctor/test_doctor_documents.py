@@ -27,7 +27,7 @@ DOCS = ROOT / "docs"
 GOLDEN = tomllib.loads((ROOT / "tests/golden/frames.toml").read_text())
 
 
-def tables(name):
+def tables(name: str):
     """Every table of a document: its heading, and its rows as cells."""
     found, heading, rows = [], (), []
     for line in [*(DOCS / name).read_text().splitlines(), ""]:
@@ -43,7 +43,7 @@ def tables(name):
     return found
 
 
-def rows_of(name, *heading):
+def rows_of(name: str, *heading: str):
     return next(rows for head, rows in tables(name) if head[: len(heading)] == heading)
 
 
@@ -57,12 +57,12 @@ def database():
     return cantools.database.load_file(str(ROOT / "config/bench.dbc"), cache_dir=None)
 
 
-def test_every_cause_of_a_trip_is_explained_once():
+def test_every_cause_of_a_trip_is_explained_once() -> None:
     assert [plain(row[0]) for row in rows_of("how-to/operating.md", "cause")] == [cause.value for cause in TripCause]
     assert {interlock.cause for interlock in INTERLOCKS} <= set(TripCause)
 
 
-def test_settings_named_for_a_trip_are_the_rig_file_s():
+def test_settings_named_for_a_trip_are_the_rig_file_s() -> None:
     rig = tomllib.loads((ROOT / "config/rig.toml").read_text())
     for _, what, _ in rows_of("how-to/operating.md", "cause"):
         section = ""
@@ -85,13 +85,13 @@ def event_codes():
     return codes
 
 
-def test_every_event_code_is_explained_once():
+def test_every_event_code_is_explained_once() -> None:
     explained = [plain(row[0]) for row in rows_of("how-to/operating.md", "code")]
     assert len(explained) == len(set(explained))
     assert set(explained) == event_codes()
 
 
-def test_every_exit_code_is_explained_once():
+def test_every_exit_code_is_explained_once() -> None:
     explained = [(plain(row[0]), int(row[1])) for row in rows_of("how-to/operating.md", "program")]
     of_hil = {0, app.EXIT_BAD_INPUT, campaign_command.EXIT_BROKEN, result_table.EXIT_FAILED}
     of_hil |= {*app.EXIT_CODES.values(), *app.SIGNAL_EXIT_CODES.values()}
@@ -100,7 +100,7 @@ def test_every_exit_code_is_explained_once():
     assert set(explained) == {("hil", c) for c in of_hil} | {("firmware-sim", c) for c in of_emulator}
 
 
-def test_frames_are_the_dbc_s():
+def test_frames_are_the_dbc_s() -> None:
     rows = rows_of("reference/wire.md", "frame", "identifier")
     assert {plain(row[0]) for row in rows} == {message.name for message in database().messages}
     senders = {"controller": "CONTROLLER", "pump node": "PUMPS", "level node": "LEVELS"}
@@ -112,7 +112,7 @@ def test_frames_are_the_dbc_s():
         assert message.dbc.attributes["DataId"].value == int(data_id, 16)
 
 
-def test_signals_are_the_dbc_s():
+def test_signals_are_the_dbc_s() -> None:
     rows = rows_of("reference/wire.md", "frame", "signal")
     listed = [(plain(row[0]), plain(row[1])) for row in rows]
     signals = {(message.name, signal.name): signal for message in database().messages for signal in message.signals}
@@ -131,7 +131,7 @@ def test_signals_are_the_dbc_s():
             assert numbered.items() <= words.items(), meaning
 
 
-def test_golden_vectors_in_the_document_are_those_of_the_file():
+def test_golden_vectors_in_the_document_are_those_of_the_file() -> None:
     rows = [
         (int(row[0], 16), plain(row[1]), row[3])
         for row in rows_of("reference/firmware.md", "identifier", "bytes", "carries")
@@ -146,7 +146,7 @@ def test_golden_vectors_in_the_document_are_those_of_the_file():
         }
 
 
-def test_refused_vectors_in_the_document_are_those_of_the_file():
+def test_refused_vectors_in_the_document_are_those_of_the_file() -> None:
     rows = [
         (int(r[0], 16), plain(r[1]), r[2], r[3]) for r in rows_of("reference/firmware.md", "identifier", "bytes", "why")
     ]
@@ -154,7 +154,7 @@ def test_refused_vectors_in_the_document_are_those_of_the_file():
 
 
 @pytest.mark.parametrize("golden", GOLDEN["refused"], ids=lambda golden: golden["about"])
-def test_refused_vectors_are_refused_by_both_twins_and_for_that_reason(golden):
+def test_refused_vectors_are_refused_by_both_twins_and_for_that_reason(golden: dict[str, str | int]) -> None:
     data, spec = bytes.fromhex(golden["data"]), contract().frames["PumpCommand"]
     frame = Message(arbitration_id=golden["id"], data=data, is_extended_id=False)
     check = FrameCheck(spec, counter=0, accepted_ns=1)
@@ -165,7 +165,7 @@ def test_refused_vectors_are_refused_by_both_twins_and_for_that_reason(golden):
     assert node_s is NodeRejection(golden["why"])
 
 
-def _after_counter_zero():
+def _after_counter_zero() -> PumpNode:
     from tests.doctor.doctor_bench import LockstepBench
 
     bench = LockstepBench()
@@ -174,12 +174,12 @@ def _after_counter_zero():
     return bench.pump
 
 
-def test_the_crc_by_bits_is_the_document_s():
+def test_the_crc_by_bits_is_the_document_s() -> None:
     """The pseudo code, taken at its word."""
     text = (DOCS / "reference/firmware.md").read_text()
     assert "(crc << 1) xor 0x2F if its top bit is set" in text
 
-    def crc(data):
+    def crc(data) -> int:
         register = 0xFF
         for byte in data:
             register ^= byte
@@ -194,7 +194,7 @@ def test_the_crc_by_bits_is_the_document_s():
         assert crc(whole) == last == Crc8Autosar.calc(whole)
 
 
-def test_every_conformance_test_is_explained_in_its_order(monkeypatch):
+def test_every_conformance_test_is_explained_in_its_order(monkeypatch: pytest.MonkeyPatch) -> None:
     from tests.doctor.nodes_bench import tried
 
     explained = [name for row in rows_of("reference/firmware.md", "test") for name in re.findall(r"`([^`]+)`", row[0])]
@@ -205,7 +205,7 @@ def test_every_conformance_test_is_explained_in_its_order(monkeypatch):
     assert [name for name in explained if name in names] == names
 
 
-def test_times_are_the_code_s():
+def test_times_are_the_code_s() -> None:
     by_frame = {
         "`LowerLevels`, `UpperLevels`": "LowerLevels",
         "`PumpStatus`": "PumpStatus",
@@ -224,7 +224,7 @@ def test_times_are_the_code_s():
 
 
 @pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.relative_to(DOCS).as_posix())
-def test_links_between_the_documents_lead_somewhere(page):
+def test_links_between_the_documents_lead_somewhere(page) -> None:
     text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
     for target in re.findall(r"\]\(([^)\s]+)\)", text):
         if target.startswith("https://"):
@@ -237,7 +237,7 @@ def test_links_between_the_documents_lead_somewhere(page):
             assert anchor in [heading.lower().replace(" ", "-") for heading in headings], target
 
 
-def test_every_check_of_the_doctor_is_explained_once():
+def test_every_check_of_the_doctor_is_explained_once() -> None:
     from test_doctor_host import GOOD
 
     from tests.doctor.doctor_bench import LockstepBench
@@ -249,7 +249,7 @@ def test_every_check_of_the_doctor_is_explained_once():
     assert set(explained) == made | {"bus opens", "pumps", "examination"}
 
 
-def test_limits_of_the_doctor_are_the_code_s():
+def test_limits_of_the_doctor_are_the_code_s() -> None:
     text = " ".join((DOCS / "how-to/operating.md").read_text().split())
     assert (
         f"within {check_frames.PERIOD_WARN:.0%}; warns beyond, "
@@ -275,7 +275,7 @@ def test_limits_of_the_doctor_are_the_code_s():
     assert check_host.DISK_WARN_BYTES == 2**30
 
 
-def test_the_checks_named_in_advice_exist():
+def test_the_checks_named_in_advice_exist() -> None:
     """The doctor sends people to these documents; they are there."""
     from tests.doctor.doctor_bench import LockstepBench
 

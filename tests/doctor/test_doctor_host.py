@@ -3,6 +3,8 @@
 import resource
 from dataclasses import dataclass, replace
 from math import inf
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -10,18 +12,18 @@ from hil.cli.doctor_command import kernel_link
 from hil.doctor.check_host import HostFacts, check_host
 from hil.doctor.check_link import check_link
 from hil.edge.host import host_facts
-from hil.probe.result import Verdict
+from hil.probe.result import Result, Verdict
 
 PASS, WARN, FAIL, NOT_CHECKED = Verdict.PASS, Verdict.WARN, Verdict.FAIL, Verdict.NOT_CHECKED
 MIB, GIB = 2**20, 2**30
 GOOD = HostFacts(1e-9, 80.0, inf, False, False, ("performance", "performance"), 20 * GIB, "/data")
 
 
-def by_name(results):
+def by_name(results: list[Result]):
     return {result.check: result for result in results}
 
 
-def test_a_good_host_passes():
+def test_a_good_host_passes() -> None:
     assert {result.verdict for result in check_host(GOOD)} == {PASS}
 
 
@@ -44,7 +46,7 @@ def test_a_good_host_passes():
         ({"disk_free_bytes": 64 * MIB - 1}, "disk space", FAIL),
     ],
 )
-def test_the_host_is_judged(facts, check, verdict):
+def test_the_host_is_judged(facts: dict[str, Any], check: str, verdict: Verdict) -> None:
     result = by_name(check_host(replace(GOOD, **facts)))[check]
     assert result.verdict is verdict
     assert bool(result.advice) is (verdict in (WARN, FAIL))
@@ -79,28 +81,28 @@ class Link:
         (None, "link state", FAIL),
     ],
 )
-def test_the_link_is_judged(link, check, verdict):
+def test_the_link_is_judged(link: Link | None, check: str, verdict: Verdict) -> None:
     result = by_name(check_link(link, "can0", 500_000, is_socketcan=True))[check]
     assert result.verdict is verdict
     assert bool(result.advice) is (verdict in (WARN, FAIL))
 
 
-def test_a_bus_that_is_no_socketcan_has_no_link():
+def test_a_bus_that_is_no_socketcan_has_no_link() -> None:
     results = check_link(None, "/dev/ttyACM0", 500_000, is_socketcan=False)
     assert {result.verdict for result in results} == {NOT_CHECKED}
 
 
-def test_an_interface_that_is_not_there_is_none():
+def test_an_interface_that_is_not_there_is_none() -> None:
     assert kernel_link("can97") is None
 
 
-def test_loopback_is_a_link_that_tells_no_bit_rate():
+def test_loopback_is_a_link_that_tells_no_bit_rate() -> None:
     link = kernel_link("lo")
     assert link is not None
     assert (link.name, link.bitrate) == ("lo", None)
 
 
-def test_governors_are_read_from_sys(tmp_path):
+def test_governors_are_read_from_sys(tmp_path: Path) -> None:
     assert host_facts.governors(tmp_path) == ()
     for core, name in enumerate(("performance", "powersave")):
         folder = tmp_path / f"devices/system/cpu/cpu{core}/cpufreq"
@@ -110,20 +112,20 @@ def test_governors_are_read_from_sys(tmp_path):
 
 
 @pytest.mark.parametrize(("bit", "has"), [(host_facts.CAP_IPC_LOCK, True), (host_facts.CAP_SYS_NICE, False)])
-def test_capabilities_are_read_from_proc(tmp_path, bit, has):
+def test_capabilities_are_read_from_proc(tmp_path: Path, bit: int, has: bool) -> None:
     file = tmp_path / "status"
     file.write_text(f"Name:\tx\nCapPrm:\t0000000000000000\nCapEff:\t{1 << host_facts.CAP_IPC_LOCK:016x}\n")
     assert host_facts.has_capability(bit, file) is has
     assert host_facts.has_capability(bit, tmp_path / "none") is False
 
 
-def test_disk_space_is_that_of_the_folder_that_will_be_made(tmp_path):
+def test_disk_space_is_that_of_the_folder_that_will_be_made(tmp_path: Path) -> None:
     free, folder = host_facts.disk_free(tmp_path / "runs" / "today")
     assert folder == tmp_path
     assert free > 0
 
 
-def test_limits_and_clock_are_this_machine_s():
+def test_limits_and_clock_are_this_machine_s() -> None:
     assert 0.0 < host_facts.clock_step_s() <= 1e-3
     assert host_facts.limit(resource.RLIMIT_MEMLOCK) > 0.0
     assert host_facts.limit(resource.RLIMIT_RTPRIO) >= 0.0

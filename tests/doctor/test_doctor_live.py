@@ -4,6 +4,7 @@ import json
 import signal
 import socket
 import time
+from pathlib import Path
 
 import pytest
 
@@ -16,17 +17,17 @@ LONG_S = 120.0
 
 
 @pytest.fixture
-def command_line(monkeypatch, capfd, tmp_path):
+def command_line(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path) -> CommandLine:
     monkeypatch.chdir(tmp_path)
     return CommandLine(monkeypatch, capfd)
 
 
-def row(text, check):
+def row(text: str, check: str) -> str:
     return next(line for line in text.splitlines() if check in line)
 
 
 @pytest.mark.live
-def test_the_emulator_is_found_fit_without_moving_a_pump_and_left_as_it_was(tmp_path):
+def test_the_emulator_is_found_fit_without_moving_a_pump_and_left_as_it_was(tmp_path: Path) -> None:
     with emulator(tmp_path / "node.jsonl") as node:
         done = hil("doctor", "-i", "slcan", "-c", node.channel, "--seconds", "2")
         assert done.returncode == 0, done.stdout + done.stderr
@@ -48,7 +49,7 @@ def test_the_emulator_is_found_fit_without_moving_a_pump_and_left_as_it_was(tmp_
 
 
 @pytest.mark.live
-def test_a_bench_that_is_not_fit_is_told_and_why(tmp_path):
+def test_a_bench_that_is_not_fit_is_told_and_why(tmp_path: Path) -> None:
     with emulator(tmp_path / "node.jsonl", "--control", tmp_path / "control") as node:
         node.process.stdout.readline()
 
@@ -63,7 +64,7 @@ def test_a_bench_that_is_not_fit_is_told_and_why(tmp_path):
 
 
 @pytest.mark.live
-def test_ctrl_c_ends_the_doctor_with_the_node_ready_at_zero(tmp_path):
+def test_ctrl_c_ends_the_doctor_with_the_node_ready_at_zero(tmp_path: Path) -> None:
     with emulator(tmp_path / "node.jsonl") as node:
         process = ForkedProgram(["hil", "doctor", "-i", "slcan", "-c", node.channel, "--seconds", "1", "--with-pumps"])
         try:
@@ -80,7 +81,7 @@ def test_ctrl_c_ends_the_doctor_with_the_node_ready_at_zero(tmp_path):
 
 
 @pytest.mark.live
-def test_the_emulator_conforms_as_a_process(tmp_path):
+def test_the_emulator_conforms_as_a_process(tmp_path: Path) -> None:
     file = tmp_path / "told.json"
     with emulator(tmp_path / "node.jsonl") as node:
         done = fork_server.run(
@@ -94,25 +95,25 @@ def test_the_emulator_conforms_as_a_process(tmp_path):
     assert {result["verdict"] for result in told["results"]} <= {"pass", "warn"}
 
 
-def test_a_bus_that_cannot_be_opened_is_a_failed_check_with_the_host_s_beside_it(command_line):
+def test_a_bus_that_cannot_be_opened_is_a_failed_check_with_the_host_s_beside_it(command_line: CommandLine) -> None:
     result = command_line("hil", "doctor", "-i", "slcan", "-c", "socket://127.0.0.1:1")
     assert result.code == 4
     assert " fail " in row(result.out, "bus opens")
     assert "disk space" in result.out
 
 
-def test_a_socketcan_link_that_is_not_there_is_a_failed_check(command_line):
+def test_a_socketcan_link_that_is_not_there_is_a_failed_check(command_line: CommandLine) -> None:
     result = command_line("hil", "doctor", "-i", "socketcan", "-c", "can97")
     assert result.code == 4
     assert " fail " in row(result.out, "link state")
     assert "ip link set can97 up type can bitrate 500000" in " ".join(result.out.replace("│", " ").split())
 
 
-def test_conformance_of_a_bus_that_cannot_be_opened_is_refused(command_line):
+def test_conformance_of_a_bus_that_cannot_be_opened_is_refused(command_line: CommandLine) -> None:
     assert_refused(command_line("hil", "conformance", "-i", "slcan", "-c", "socket://127.0.0.1:1"), "slcan", "500000")
 
 
-def test_no_json_is_overwritten(command_line, tmp_path):
+def test_no_json_is_overwritten(command_line: CommandLine, tmp_path: Path) -> None:
     file = tmp_path / "told.json"
     file.write_text("mine")
     assert_refused(command_line("hil", "conformance", "--json", file), "--json", file, "exists already")
@@ -121,10 +122,10 @@ def test_no_json_is_overwritten(command_line, tmp_path):
 
 
 @pytest.mark.parametrize("seconds", ["0.5", "-1", "nan", "4000"])
-def test_listening_time_has_a_range(command_line, seconds):
+def test_listening_time_has_a_range(command_line: CommandLine, seconds: str) -> None:
     assert_refused(command_line("hil", "doctor", "--seconds", seconds), "--seconds")
 
 
-def test_a_bad_rig_file_is_refused_before_the_bus_is_opened(command_line, tmp_path):
+def test_a_bad_rig_file_is_refused_before_the_bus_is_opened(command_line: CommandLine, tmp_path: Path) -> None:
     assert_refused(command_line("hil", "doctor", "--config", tmp_path), "rig.toml", "can't be read")
     assert_refused(command_line("hil", "conformance", "--config", tmp_path), "rig.toml", "can't be read")

@@ -9,7 +9,8 @@ import select
 import socket
 import threading
 from collections import deque
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 
 import can
@@ -33,19 +34,19 @@ class Host(SlcanBus):
     far = None
     sent = 0
 
-    def send(self, msg, timeout=None):
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
         super().send(msg, timeout)
         self.sent += 1
 
-    def recv(self, timeout=None):
+    def recv(self, timeout: float | None = None) -> can.Message | None:
         assert timeout == 0.0, "lockstep never waits"
         self.far.deliver(self)
         return super().recv(0.0)
 
-    def listen_to(self, far):
+    def listen_to(self, far: "Far") -> None:
         feed = self.lines.feed
 
-        def stamped(data, timestamp_s):
+        def stamped(data, timestamp_s) -> list[can.Message]:
             del timestamp_s
             far.delivered += len(data)
             frames = feed(data)
@@ -64,7 +65,7 @@ class Far(can.BusABC):
     unplug : pulls the cable.
     """
 
-    def __init__(self, fd, unplug, host):
+    def __init__(self, fd: int, unplug: Callable[[], None], host: Host) -> None:
         super().__init__(channel="far")
         self._unplug, self._is_gone = unplug, False
         self._link = SlcanLink(fd)
@@ -77,11 +78,11 @@ class Far(can.BusABC):
         self.refuses = self.is_deaf = False
         self.heard = 0
 
-    def send(self, msg, timeout=None):
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
         del timeout
         self.say(self.garble(self._link.port.frame_line(msg)), msg.timestamp)
 
-    def say(self, data, timestamp_s=0.0):
+    def say(self, data: bytes, timestamp_s: float = 0.0) -> None:
         """Bytes to us, whatever they are."""
         if self._is_gone:
             return
@@ -90,33 +91,33 @@ class Far(can.BusABC):
         self._written += len(data)
         self._link.flush()
 
-    def unplug(self):
+    def unplug(self) -> None:
         self._is_gone = True
         self._unplug()
 
-    def boot(self):
+    def boot(self) -> None:
         """The adapter forgets that it was open."""
         self._link.port = SlcanPort()
 
-    def recv(self, timeout=None):
+    def recv(self, timeout: float | None = None) -> can.Message | None:
         del timeout
         while not (self.is_deaf or self._is_gone) and select.select([self._link.fd], [], [], self._wait_s())[0]:
             self._read()
         return self._inbox.popleft() if self._inbox else None
 
-    def deliver(self, host):
+    def deliver(self, host: Host) -> None:
         """See that all that was said has arrived."""
         while not self._is_gone and self.delivered < self._written:
             self._link.flush()
             assert host._take_in(PATIENCE_S), "bytes got lost"
         assert self._link.queue.dropped == 0
 
-    def _wait_s(self):
+    def _wait_s(self) -> float:
         """Whether anything is on its way: what a line takes is there at once over TCP, and soon after on a pty."""
         is_due = self._host.sent > self.heard
         return PATIENCE_S if is_due else 0.0
 
-    def _read(self):
+    def _read(self) -> None:
         data = os.read(self._link.fd, 4096)
         self.heard += data.count(b"\r")
         if self.refuses:
@@ -128,7 +129,7 @@ class Far(can.BusABC):
 
 
 @contextmanager
-def over_pty():
+def over_pty() -> Iterator[tuple[str, Callable[[], int], Callable[[], None]]]:
     """What our end opens; what gives the far end's descriptor once that is done; what closes it."""
     master, path = open_pty()
     held = os.open(path, os.O_RDWR | os.O_NOCTTY)  # without anybody the master would hang up
@@ -140,13 +141,13 @@ def over_pty():
 
 
 @contextmanager
-def over_tcp():
+def over_tcp() -> Iterator[tuple[str, Callable[[], int], Callable[[], None]]]:
     """The same."""
     with listen(0) as listener:
         listener.setblocking(True)
         clients = []
 
-        def accepted():
+        def accepted() -> int:
             client, _ = listener.accept()
             client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             clients.append(client)
@@ -157,10 +158,10 @@ def over_tcp():
 
 
 @contextmanager
-def _closing_once(what, how):
+def _closing_once(what: int | list[socket.socket], how: Callable[[int], None]) -> Iterator[Callable[[], None]]:
     left = [what]
 
-    def close():
+    def close() -> None:
         if left:
             how(left.pop())
 
@@ -173,16 +174,19 @@ def _closing_once(what, how):
 class Line:
     """A pty or a TCP port to play on. host, far : the ends of the line that is open, or was last."""
 
-    def __init__(self, line):
+    def __init__(
+        self,
+        line: Callable[[], AbstractContextManager[tuple[str, Callable[[], int], Callable[[], None]]]],
+    ) -> None:
         self._line = line
         self.play = partial(play, ends=self.ends)
 
     @contextmanager
-    def ends(self):
+    def ends(self) -> Iterator[tuple[Host, Far]]:
         with self._line() as (channel, far_fd, unplug):
             found = []
 
-            def open_far():
+            def open_far() -> None:
                 fd = far_fd()
                 os.set_blocking(fd, True)
                 answer_opening(lambda: os.read(fd, 4096), lambda data: os.write(fd, data))
@@ -204,7 +208,7 @@ class Line:
         """What calls act(far) before the first step from at_s on."""
         due = [act]
 
-        def on_step(t_s):
+        def on_step(t_s) -> None:
             if due and t_s >= at_s - TIME_TOLERANCE_S:
                 due.pop()(self.far)
 

@@ -4,7 +4,9 @@ import errno
 import socket
 import threading
 import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 
 import can
 import pytest
@@ -35,7 +37,7 @@ GOOD = b"\x11\x22\x33\x44\x55\x66\x77"
 SEALED = node.pack_levels(node.LOWER_LEVELS_ID, (6.2, 6.4), (node.ChannelStatus.OK,) * 2, 3)
 
 
-def test_case_12_babbling_node_of_a_foreign_id():
+def test_case_12_babbling_node_of_a_foreign_id() -> None:
     """3000 frames/s that are none of ours: kept out, and the ages of what is ours stay below a period."""
     run = play(story(fault("babble", AT_S, "foreign", 3000.0), duration_s=8.0))
     assert_no_trip(run)
@@ -44,7 +46,7 @@ def test_case_12_babbling_node_of_a_foreign_id():
     assert run.outcome.frames_lost == 0
 
 
-def test_case_13_babbling_node_of_top_priority():
+def test_case_13_babbling_node_of_top_priority() -> None:
     """Nothing else gets through: the node is safe within W, the controller trips on age within max(Rx, W)."""
     run = play(story(fault("babble", AT_S, "top", 4000.0)))
     assert_tripped(run, AT_S, max(RX_S, W_S), "stale_levels", "stale_status", "node_lost")
@@ -52,7 +54,7 @@ def test_case_13_babbling_node_of_top_priority():
 
 
 @pytest.mark.parametrize("volts", [0.0, 3.0, 10.0])
-def test_case_14_foreign_command(volts):
+def test_case_14_foreign_command(volts: float) -> None:
     """Somebody else commands the pumps: latched in the step that sees the first frame; 0 V once, then silence."""
     run = play(story(fault("foreign_command", AT_S, None, volts, until_s=AT_S + 0.35)), is_alone=False)
     assert run.cause == "foreign_command"
@@ -64,7 +66,7 @@ def test_case_14_foreign_command(volts):
 
 
 @pytest.mark.parametrize("garbage", [b"t18271122\r", b"t1827112233\r", b"t18\r", b"t1828\r"])
-def test_case_16_slcan_payload_shorter_than_its_length(garbage):
+def test_case_16_slcan_payload_shorter_than_its_length(garbage: bytes) -> None:
     """A line that says more bytes than it has: dropped, nothing raises, the next frame is received."""
     with closing(RawAdapter()) as adapter:
         receiver = Receiver(contract(), CommandSender(contract()), (0.0, 10.24))
@@ -81,7 +83,7 @@ def test_case_16_slcan_payload_shorter_than_its_length(garbage):
 
 
 @pytest.mark.parametrize(("rate_per_s", "trips"), [(5.0, False), (15.0, False), (25.0, True), (200.0, True)])
-def test_case_20_error_frames(rate_per_s, trips):
+def test_case_20_error_frames(rate_per_s: float, trips: bool) -> None:
     """A few are counted, a storm of 20 within a second trips within that second."""
     run = play(story(fault("error_frames", AT_S, None, rate_per_s)))
     if trips:
@@ -91,7 +93,7 @@ def test_case_20_error_frames(rate_per_s, trips):
     assert run.ticks[-1].rejected == pytest.approx((run.ticks[-1].t_s - AT_S) * rate_per_s, abs=2)
 
 
-def test_case_21_bus_off():
+def test_case_21_bus_off() -> None:
     """Nothing goes out or comes in: the node is safe within W, and never armed again by itself when the bus is back."""
     run = play(story(fault("bus_off", AT_S, None, until_s=AT_S + 0.7)))
     assert_tripped(run, AT_S, RX_S + T_S)
@@ -107,22 +109,22 @@ def test_case_21_bus_off():
 class Failing(can.BusABC):
     """Our end of the bus, whose sends or receives fail from the `count`-th send on."""
 
-    def __init__(self, bus, count, error, *, receives):
+    def __init__(self, bus: can.BusABC, count: int, error: Exception, *, receives: bool) -> None:
         super().__init__(channel="failing")
         self._inner, self._left, self._error, self._receives = bus, count, error, receives
 
-    def send(self, msg, timeout=None):
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
         self._left -= 1
         if self._left < 0:
             raise self._error
         self._inner.send(msg, timeout)
 
-    def recv(self, timeout=None):
+    def recv(self, timeout: float | None = None) -> can.Message | None:
         if self._receives and self._left <= 0:
             raise self._error
         return self._inner.recv(timeout)
 
-    def shutdown(self):
+    def shutdown(self) -> None:
         super().shutdown()
 
 
@@ -131,7 +133,7 @@ DOWN = OSError(errno.ENETDOWN, "Network is down")
 FULL = can.CanOperationError("Transmit buffer full", errno.ENOBUFS)
 
 
-def test_case_22_interface_down():
+def test_case_22_interface_down() -> None:
     """The interface goes down: safe within W, and the run ends; a new one is not armed by itself."""
     run = play(story(duration_s=30.0), wrap=lambda bus: Failing(bus, SENDS, DOWN, receives=True))
     assert run.cause == "bus_failed"
@@ -142,7 +144,7 @@ def test_case_22_interface_down():
     assert again.outcome.status == "failed"
 
 
-def test_case_23_transmit_queue_full():
+def test_case_23_transmit_queue_full() -> None:
     """The queue takes nothing more: each refused command is dropped for good, trip within 3 T, node safe within W."""
     run = play(story(duration_s=30.0), wrap=lambda bus: Failing(bus, SENDS, FULL, receives=False))
     last_s = run.keeper.sent[-1][0] - run.start_s
@@ -152,12 +154,12 @@ def test_case_23_transmit_queue_full():
 
 
 @contextmanager
-def relay(port):
+def relay(port: int) -> Iterator[tuple[str, Callable[[], None]]]:
     """A cable to the emulator's adapter that can be pulled: yields its address and a way to pull it."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         ends = []
 
-        def serve():
+        def serve() -> None:
             with suppress(OSError):
                 near, _ = server.accept()
                 far = socket.create_connection(("127.0.0.1", port))
@@ -165,12 +167,12 @@ def relay(port):
                 for a, b in ((near, far), (far, near)):
                     threading.Thread(target=pump, args=(a, b), daemon=True).start()
 
-        def pump(source, sink):
+        def pump(source, sink) -> None:
             with suppress(OSError):
                 while data := source.recv(4096):
                     sink.sendall(data)
 
-        def pull():
+        def pull() -> None:
             for end in ends:
                 with suppress(OSError):
                     end.shutdown(socket.SHUT_RDWR)
@@ -184,7 +186,7 @@ def relay(port):
 
 
 @pytest.mark.live
-def test_case_24_adapter_unplugged_and_plugged_again(tmp_path):
+def test_case_24_adapter_unplugged_and_plugged_again(tmp_path: Path) -> None:
     """The adapter goes: safe within W, the run ends cleanly; plugged again, nothing moves until it is cleared."""
     scenario = write_scenario(tmp_path, arm_timeout=1.0)
     with emulator(tmp_path / "node.jsonl") as rig:
@@ -207,7 +209,7 @@ def test_case_24_adapter_unplugged_and_plugged_again(tmp_path):
 
 
 @pytest.mark.parametrize("garbage", [b"\xff", b"t18\xff7\r", b"\x80\x81\xfe\r"])
-def test_case_25_slcan_byte_beyond_ascii(garbage):
+def test_case_25_slcan_byte_beyond_ascii(garbage: bytes) -> None:
     """A byte that is no ASCII: frames go on being received within Rx."""
     with closing(RawAdapter()) as adapter:
         started_s = time.monotonic()
@@ -221,7 +223,7 @@ def test_case_25_slcan_byte_beyond_ascii(garbage):
         assert adapter.port.is_up
 
 
-def test_case_26_slcan_line_without_end():
+def test_case_26_slcan_line_without_end() -> None:
     """A line that never ends: no more than 1 kB of it is kept, and the next frame after it is received."""
     with closing(RawAdapter()) as adapter:
         for _ in range(60):
@@ -233,19 +235,19 @@ def test_case_26_slcan_line_without_end():
 
 
 @pytest.mark.parametrize("from_s", [0.0, AT_S])
-def test_case_27_every_send_refused(from_s):
+def test_case_27_every_send_refused(from_s: float) -> None:
     """Sends that go nowhere: never armed on; in a run the node is safe within W, the missing echo trips within 5 T."""
     run = play(story(fault("frame_loss", from_s, "PumpCommand", 1.0)))
     assert_tripped(run, from_s, 5 * T_S, "echo_missing", "node_tripped")
     assert run.node_off_s(from_s) <= from_s + W_S
 
 
-def test_case_27_every_send_refused_from_the_start():
+def test_case_27_every_send_refused_from_the_start() -> None:
     """An adapter that says it sent and never does: the pumps never move, and the missing echo trips within 5 T."""
     refused = can.CanOperationError("refused")
 
     class Deaf(Failing):
-        def send(self, msg, timeout=None):
+        def send(self, msg: can.Message, timeout: float | None = None) -> None:
             del msg, timeout  # says that it went out
 
     run = play(story(rig={"safety": {"arm_timeout_s": 2.0}}), wrap=lambda bus: Deaf(bus, 1, refused, receives=False))

@@ -1,5 +1,7 @@
 """Case 55: configuration that can't be right."""
 
+from pathlib import Path
+
 import pytest
 
 from tests.cli.cli_bench import CommandLine, assert_refused, config_copy
@@ -7,7 +9,7 @@ from tests.faults.faults_bench import OFF, contract, play, story
 
 
 @pytest.fixture
-def command_line(monkeypatch, capfd, tmp_path):
+def command_line(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path) -> CommandLine:
     monkeypatch.chdir(tmp_path)
     return CommandLine(monkeypatch, capfd)
 
@@ -31,7 +33,7 @@ FILES = {
 
 @pytest.mark.parametrize("command", ["simulate", "run"])
 @pytest.mark.parametrize("which", SCENARIOS)
-def test_case_55_bad_scenario(command_line, tmp_path, which, command):
+def test_case_55_bad_scenario(command_line: CommandLine, tmp_path: Path, which: str, command: str) -> None:
     """Refused before anything starts: one line that names file and key, exit code 2, no run folder."""
     text, key = SCENARIOS[which]
     file = tmp_path / "bad.toml"
@@ -42,7 +44,7 @@ def test_case_55_bad_scenario(command_line, tmp_path, which, command):
 
 
 @pytest.mark.parametrize("which", FILES)
-def test_case_55_bad_bench(command_line, tmp_path, which):
+def test_case_55_bad_bench(command_line: CommandLine, tmp_path: Path, which: str) -> None:
     """The rig's file or the wire's contract: the same."""
     file, old, new, key = FILES[which]
     config = config_copy(tmp_path / "config", file=file, old=old, new=new)
@@ -52,7 +54,7 @@ def test_case_55_bad_bench(command_line, tmp_path, which):
     assert not (tmp_path / "runs").exists()
 
 
-def test_case_55_node_of_another_dbc():
+def test_case_55_node_of_another_dbc() -> None:
     """A node that was built for another contract is never armed."""
     run = play(story(rig={"safety": {"arm_timeout_s": 1.0}}), fingerprint=contract().fingerprint ^ 1)
     assert run.outcome.status == "failed"

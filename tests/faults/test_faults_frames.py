@@ -1,5 +1,6 @@
 """Cases 1 to 11, 15, 17 to 19: single frames lost, late, twice, garbled or not ours."""
 
+from collections.abc import Iterator
 from itertools import combinations
 
 import pytest
@@ -17,6 +18,7 @@ from tests.faults.faults_bench import (
     T_S,
     TIME_TOLERANCE_S,
     W_S,
+    Run,
     assert_no_trip,
     assert_safe,
     assert_tripped,
@@ -31,23 +33,23 @@ AT_S = 5.0
 AGE_CAUSES = ("stale_levels", "stale_status", "node_lost")
 
 
-def one(kind, at_s, frame="LowerLevels", value=None):
+def one(kind: str, at_s: float, frame: str = "LowerLevels", value: float | None = None):
     """A fault that befalls a single frame."""
     return fault(kind, at_s, frame, value, until_s=at_s + 0.75 * FRAME_PERIOD_S[frame])
 
 
-def refused_commands(run):
+def refused_commands(run: Run) -> int:
     """How many the node has refused, but for those before it had booted."""
     rejected = run.emulator.pump.rejected
     return rejected.total() - rejected[node.Rejection.BOOT]
 
 
-def lossy(probability=0.05):
+def lossy(probability: float = 0.05):
     return [fault("frame_loss", 0.0, frame, probability) for frame in NODE_FRAMES]
 
 
 @pytest.mark.parametrize("frame", ALL_FRAMES)
-def test_case_01_one_frame_lost(frame):
+def test_case_01_one_frame_lost(frame: str) -> None:
     """One frame lost: the estimate is held, the loss counted, no trip."""
     run = play(story(fault("frame_burst", AT_S, frame, 1)))
     assert_no_trip(run)
@@ -61,7 +63,7 @@ def test_case_01_one_frame_lost(frame):
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_case_02_random_loss(seed):
+def test_case_02_random_loss(seed: int) -> None:
     """5 % of what the nodes send is lost, for a minute: no trip; the hour is among the long tests."""
     run = play(story(*lossy(), duration_s=60.0), seed=seed)
     assert_no_trip(run)
@@ -70,7 +72,7 @@ def test_case_02_random_loss(seed):
 
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2])
-def test_case_02_random_loss_for_an_hour(seed):
+def test_case_02_random_loss_for_an_hour(seed: int) -> None:
     """5 % of what the nodes send is lost, for an hour: no trip."""
     run = play(story(*lossy(), duration_s=3600.0), seed=seed)
     assert_no_trip(run)
@@ -78,7 +80,7 @@ def test_case_02_random_loss_for_an_hour(seed):
 
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2])
-def test_case_02_random_loss_both_ways_for_an_hour(seed):
+def test_case_02_random_loss_both_ways_for_an_hour(seed: int) -> None:
     """5 % of all frames, commands too, with a control period of 40 ms: six commands in a row would have to be lost."""
     rig = {"control": {"period_s": 0.04}}
     run = play(story(fault("frame_loss", 0.0, "all", 0.05), duration_s=3600.0, rig=rig), seed=seed, checks=False)
@@ -89,7 +91,7 @@ def test_case_02_random_loss_both_ways_for_an_hour(seed):
 
 @pytest.mark.parametrize("count", [3, 5, 8, 14, 20])
 @pytest.mark.parametrize("frame", NODE_FRAMES)
-def test_case_03_burst_lost(frame, count):
+def test_case_03_burst_lost(frame: str, count: int) -> None:
     """Three and more in a row: a trip exactly when the age passes its limit, within Rx + T."""
     run = play(story(fault("frame_burst", AT_S, frame, count)))
     limit_s = 0.25 if "Heartbeat" in frame else RX_S
@@ -104,7 +106,7 @@ def test_case_03_burst_lost(frame, count):
 
 
 @pytest.mark.parametrize("count", [3, 10, 40])
-def test_case_03_burst_of_commands_lost(count):
+def test_case_03_burst_of_commands_lost(count: int) -> None:
     """Commands lost for longer than the watchdog: the node is safe within W of the last one, the controller trips."""
     run = play(story(fault("frame_burst", AT_S, "PumpCommand", count)))
     assert run.node_off_s(AT_S) <= AT_S + W_S
@@ -113,7 +115,7 @@ def test_case_03_burst_of_commands_lost(count):
 
 @pytest.mark.parametrize("count", [15, 16, 32])
 @pytest.mark.parametrize("frame", LEVEL_FRAMES)
-def test_case_04_burst_that_wraps_the_counter(frame, count):
+def test_case_04_burst_that_wraps_the_counter(frame: str, count: int) -> None:
     """15 lost look like a duplicate, 16 like none lost: it is the age that counts, and nothing is refused."""
     run = play(story(fault("frame_burst", AT_S, frame, count)))
     assert run.ticks[-1].rejected == 0
@@ -123,7 +125,7 @@ def test_case_04_burst_that_wraps_the_counter(frame, count):
         assert_tripped(run, AT_S, RX_S + T_S, "stale_levels")
 
 
-def test_case_05_duplicate():
+def test_case_05_duplicate() -> None:
     """Every frame twice, both ways: dropped, and the run is the same to the bit."""
     run, plain = play(story(fault("frame_duplicate", AT_S, "all"))), play(story())
     assert_no_trip(run)
@@ -133,7 +135,7 @@ def test_case_05_duplicate():
 
 
 @pytest.mark.parametrize("frame", ["LowerLevels", "UpperLevels", "PumpStatus", "PumpCommand"])
-def test_case_06_reordered(frame):
+def test_case_06_reordered(frame: str) -> None:
     """Neighbours swapped: the older one is dropped, the newer one used, no trip."""
     run = play(story(fault("frame_reorder", AT_S, frame)))
     assert_no_trip(run)
@@ -146,7 +148,7 @@ def test_case_06_reordered(frame):
 @pytest.mark.parametrize(
     ("frame", "delay_s"), [("LowerLevels", 0.25), ("UpperLevels", 0.25), ("PumpStatus", 0.2), ("LevelHeartbeat", 0.1)]
 )
-def test_case_07_delayed_less_than_the_limit(frame, delay_s):
+def test_case_07_delayed_less_than_the_limit(frame: str, delay_s: float) -> None:
     """Late by less than the limit: what is there is used with its age, which grows meanwhile; no trip."""
     run = play(story(fault("frame_delay", AT_S, frame, delay_s, until_s=AT_S + 3.0)))
     assert_no_trip(run)
@@ -156,14 +158,14 @@ def test_case_07_delayed_less_than_the_limit(frame, delay_s):
 
 
 @pytest.mark.parametrize("frame", NODE_FRAMES)
-def test_case_08_delayed_more_than_the_limit(frame):
+def test_case_08_delayed_more_than_the_limit(frame: str) -> None:
     """Late by more than the limit: trip within Rx + T."""
     run = play(story(fault("frame_delay", AT_S, frame, 0.5)))
     assert_tripped(run, AT_S, RX_S + T_S, *AGE_CAUSES)
 
 
 @pytest.mark.parametrize("frame", ALL_FRAMES)
-def test_case_09_crc_wrong_once(frame):
+def test_case_09_crc_wrong_once(frame: str) -> None:
     """One wrong CRC: dropped and counted, no trip."""
     run = play(story(one("frame_corrupt", AT_S, frame, 1.0)))
     assert_no_trip(run)
@@ -171,7 +173,7 @@ def test_case_09_crc_wrong_once(frame):
 
 
 @pytest.mark.parametrize("frame", NODE_FRAMES)
-def test_case_09_crc_wrong_five_times(frame):
+def test_case_09_crc_wrong_five_times(frame: str) -> None:
     """Five wrong CRCs running: trip in the step that sees the fifth, if age has not tripped it before."""
     length_s = 4.5 * FRAME_PERIOD_S[frame]
     run = play(story(fault("frame_corrupt", AT_S, frame, 1.0, until_s=AT_S + length_s)))
@@ -180,14 +182,14 @@ def test_case_09_crc_wrong_five_times(frame):
         assert run.cause == "frames_refused"
 
 
-def test_case_09_crc_of_commands_wrong_four_times():
+def test_case_09_crc_of_commands_wrong_four_times() -> None:
     """Commands that the node refuses: it is safe within W, and the controller trips."""
     run = play(story(fault("frame_corrupt", AT_S, "PumpCommand", 1.0, until_s=AT_S + 0.35)))
     assert_safe(run, AT_S)
     assert_tripped(run, AT_S, RX_S + T_S, "node_tripped")
 
 
-def flips(data):
+def flips(data: bytes) -> Iterator[bytes]:
     """The payload with every one and every two of its bits flipped."""
     bits = range(8 * len(data))
     for hit in (*((bit,) for bit in bits), *combinations(bits, 2)):
@@ -197,7 +199,7 @@ def flips(data):
         yield bytes(flipped)
 
 
-def test_case_10_every_one_and_two_bit_flip():
+def test_case_10_every_one_and_two_bit_flip() -> None:
     """Each of the 1- and 2-bit errors of each frame, both ways: all of them rejected."""
     ok = (node.ChannelStatus.OK,) * 2
     run, print_of = node.NodeState.RUN, contract().fingerprint
@@ -220,14 +222,14 @@ def test_case_10_every_one_and_two_bit_flip():
 
 
 @pytest.mark.parametrize("frame", NODE_FRAMES)
-def test_case_11_counter_stuck(frame):
+def test_case_11_counter_stuck(frame: str) -> None:
     """Data fresh, CRC right, the counter stands still: trip in the step that sees the fifth refusal."""
     run = play(story(fault("counter_stuck", AT_S, frame)))
     first_and_five_s = 5 * FRAME_PERIOD_S[frame]
     assert_tripped(run, AT_S, first_and_five_s + T_S, "frames_refused", "node_lost")
 
 
-def test_case_11_counter_of_commands_stuck():
+def test_case_11_counter_of_commands_stuck() -> None:
     """The node takes a command whose counter stands still for a duplicate: safe within W, and the controller trips."""
     run = play(story(fault("counter_stuck", AT_S, "PumpCommand")))
     assert_safe(run, AT_S + T_S)
@@ -235,7 +237,7 @@ def test_case_11_counter_of_commands_stuck():
 
 
 @pytest.mark.parametrize("frame", ["LowerLevels", "PumpStatus", "LevelHeartbeat", "PumpCommand"])
-def test_case_15_wrong_length(frame):
+def test_case_15_wrong_length(frame: str) -> None:
     """Payloads of 0 to 8 bytes, one at a time: each dropped, and the next one taken."""
     lengths = [length for length in range(9) if length != contract().frames[frame].length]
     run = play(story(*(one("wrong_length", 2.0 + 0.5 * i, frame, n) for i, n in enumerate(lengths))))
@@ -243,7 +245,7 @@ def test_case_15_wrong_length(frame):
     assert (refused_commands(run) if frame == "PumpCommand" else run.ticks[-1].rejected) == len(lengths)
 
 
-def test_case_17_wrong_id_or_data_id():
+def test_case_17_wrong_id_or_data_id() -> None:
     """An unknown identifier, and the payload of one frame under the identifier of another: dropped."""
     others = [one("wrong_id", 3.0), *(one("wrong_id", 4.0 + i, f, 0x181) for i, f in enumerate(LEVEL_FRAMES))]
     run = play(story(*others, one("wrong_id", 7.0, "UpperLevels", 0x182)))
@@ -255,7 +257,7 @@ def test_case_17_wrong_id_or_data_id():
 
 @pytest.mark.parametrize("kind", ["extended_id", "remote_frame"])
 @pytest.mark.parametrize("frame", ALL_FRAMES)
-def test_case_18_19_extended_and_remote_frames(frame, kind):
+def test_case_18_19_extended_and_remote_frames(frame: str, kind: str) -> None:
     """A 29-bit identifier of the same number, or a request for the frame: dropped, no reply, no trip."""
     run = play(story(one(kind, AT_S, frame)))
     assert_no_trip(run)

@@ -10,7 +10,7 @@ BEAT_S = 0.1
 
 @pytest.mark.parametrize("at_s", [5.0, 5.03, 5.099])
 @pytest.mark.parametrize("target", ["pump", "level"])
-def test_case_29_node_reboots(target, at_s):
+def test_case_29_node_reboots(target: str, at_s: float) -> None:
     """A node boots while running: its outputs are at 0 V, the controller trips with its next heartbeat."""
     run = play(story(fault("node_reboot", at_s, target)))
     assert_tripped(run, at_s, BEAT_S + T_S, "node_rebooted")
@@ -23,7 +23,7 @@ def test_case_29_node_reboots(target, at_s):
 
 @pytest.mark.parametrize("at_s", [5.0, 5.05, 5.099])
 @pytest.mark.parametrize("target", ["pump", "level"])
-def test_case_30_heartbeat_stops(target, at_s):
+def test_case_30_heartbeat_stops(target: str, at_s: float) -> None:
     """Heartbeats stop, data flow on: trip within two periods of the first one that is missing, and a step."""
     run = play(story(fault("heartbeat_stop", at_s, target)))
     missing_s = 5.0 if at_s == 5.0 else 5.1
@@ -31,7 +31,7 @@ def test_case_30_heartbeat_stops(target, at_s):
 
 
 @pytest.mark.parametrize("target", ["pump", "level"])
-def test_case_30_heartbeat_stops_on_a_bus_that_loses_frames(target):
+def test_case_30_heartbeat_stops_on_a_bus_that_loses_frames(target: str) -> None:
     """Where frames get lost all the time it takes longer to tell: three times the age, and a step."""
     lossy = [fault("frame_loss", 2.0, frame, 0.05) for frame in ("LowerLevels", "UpperLevels", "PumpStatus")]
     run = play(story(*lossy, fault("heartbeat_stop", AT_S, target)))

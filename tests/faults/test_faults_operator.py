@@ -3,12 +3,12 @@
 import pytest
 
 from hil.core.types import Mode
-from tests.faults.faults_bench import OFF, T_S, TIME_TOLERANCE_S, assert_safe, fault, play, story
+from tests.faults.faults_bench import OFF, T_S, TIME_TOLERANCE_S, Run, assert_safe, fault, play, story
 
 AT_S = 5.0
 
 
-def ask(at_s, action, **more):
+def ask(at_s: float, action: str, **more: str | float):
     return {"at_s": at_s, "action": action, **more}
 
 
@@ -21,7 +21,7 @@ def ask(at_s, action, **more):
         (fault("frame_burst", AT_S, "UpperLevels", 150), "stale_levels"),
     ],
 )
-def test_case_56_clearing_while_the_cause_stands(befallen, cause):
+def test_case_56_clearing_while_the_cause_stands(befallen: dict[str, str | float], cause: str) -> None:
     """Refused in the same tick, and said so; once the cause is gone the rig is armed again."""
     requests = [ask(7.0, "clear"), ask(10.0, "clear")]
     run = play(story(befallen, duration_s=14.0, request=requests))
@@ -33,7 +33,7 @@ def test_case_56_clearing_while_the_cause_stands(befallen, cause):
     assert run.outcome.status == "complete"
 
 
-def test_case_56_a_stranger_on_the_bus_is_never_cleared():
+def test_case_56_a_stranger_on_the_bus_is_never_cleared() -> None:
     """That somebody else has sent commands stands for the rest of the run."""
     stranger = fault("foreign_command", AT_S, None, 3.0, until_s=AT_S + 0.05)
     run = play(story(stranger, duration_s=10.0, request=[ask(8.0, "clear")]), is_alone=False)
@@ -41,13 +41,13 @@ def test_case_56_a_stranger_on_the_bus_is_never_cleared():
     assert_safe(run, AT_S + 0.1, 0.5)
 
 
-def bypassed(for_s, until_s):
+def bypassed(for_s: float, until_s: float):
     storm = fault("error_frames", 5.0, None, 60.0)
     request = [ask(3.0, "bypass", interlock="error_storm", for_s=for_s)]
     return story(storm, duration_s=until_s, request=request)
 
 
-def assert_ends_by_itself(run, for_s):
+def assert_ends_by_itself(run: Run, for_s: float) -> None:
     (begun_s,), (ended_s,) = run.times("bypass"), run.times("bypass_end")
     assert begun_s == pytest.approx(3.0, abs=TIME_TOLERANCE_S)
     assert ended_s == pytest.approx(3.0 + for_s, abs=T_S + TIME_TOLERANCE_S)
@@ -55,19 +55,19 @@ def assert_ends_by_itself(run, for_s):
     assert run.trip_s == pytest.approx(ended_s, abs=TIME_TOLERANCE_S), "it counts again in the same step"
 
 
-def test_case_57_bypass_ends_by_itself():
+def test_case_57_bypass_ends_by_itself() -> None:
     """An interlock bypassed for 20 s: logged at both ends, then it counts again."""
     assert_ends_by_itself(play(bypassed(20.0, 40.0)), 20.0)
 
 
 @pytest.mark.long
-def test_case_57_bypass_ends_after_ten_minutes():
+def test_case_57_bypass_ends_after_ten_minutes() -> None:
     """The longest bypass there is: ten minutes."""
     assert_ends_by_itself(play(bypassed(600.0, 700.0)), 600.0)
 
 
 @pytest.mark.parametrize("key", ["stale_levels", "high_level", "node_tripped", "sensors_lost", "bus_failed"])
-def test_case_57_what_must_not_be_bypassed(key):
+def test_case_57_what_must_not_be_bypassed(key: str) -> None:
     """Neither what keeps tanks from overflowing nor the loss of a node, the bus or a level; and nothing for longer."""
     from hil.edge.config.settings_file import SettingsError
 

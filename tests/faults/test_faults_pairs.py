@@ -4,8 +4,9 @@ import pytest
 
 from hil.bench.campaign_case import run_case
 from hil.campaigns import cases as listing
-from hil.campaigns.row import INVARIANTS
+from hil.campaigns.row import INVARIANTS, Row
 from hil.campaigns.spec import Spec
+from hil.core.types import Pair
 from hil.edge.config.settings_file import validated
 from tests.faults.faults_bench import CONFIG, MOVING, fault, play, story
 
@@ -13,7 +14,7 @@ FRAMES = ["PumpStatus", "LowerLevels", "UpperLevels", "PumpHeartbeat", "LevelHea
 TANKS, PUMPS, NODES = [1, 2, 3, 4], [1, 2], ["pump", "level"]
 
 
-def row(kind, targets=(0,), value_range=None, **also):
+def row(kind: str, targets: tuple[int] | list[str | int] = (0,), value_range: Pair | None = None, **also: int):
     drawn = {"kind": kind, "targets": list(targets), "also": also}
     return drawn if value_range is None else {**drawn, "value_range": list(value_range)}
 
@@ -63,7 +64,7 @@ SHARDS = 20
 FIRST_SEED = 1
 
 
-def drawn(seeds):
+def drawn(seeds: range) -> tuple[listing.Case, ...]:
     """The cases of these seeds: two faults each, with onsets of their own."""
     spec = {
         "campaign": {"name": "pairs", "scenarios": ["moving"], "first_seed": seeds[0], "seeds": len(seeds)},
@@ -75,14 +76,14 @@ def drawn(seeds):
     return listing.expand(validated(Spec, spec, "pairs"), [base])
 
 
-def breaks(outcome, case):
+def breaks(outcome: Row, case: listing.Case):
     """What the run broke. The node obeys a stranger's commands, too: its rate and latch are then not ours."""
     not_ours = ("rate_broken", "latch_broken", "not_at_rest")
     is_stranger = any(fault["kind"] == "foreign_command" for fault in case.faults)
     return [name for name in outcome.breaks if not (is_stranger and name in not_ours)]
 
 
-def assert_unbroken(seeds):
+def assert_unbroken(seeds: range) -> None:
     """Run them all; then name every seed that broke something."""
     assert set(INVARIANTS) >= {"overflow", "dry_run", "applied_out_of_range", "rate_broken", "latch_broken"}
     failed = []
@@ -95,12 +96,12 @@ def assert_unbroken(seeds):
 
 
 @pytest.mark.parametrize("seeds", [range(1_000_000 - 20, 1_000_000)], ids=["20 pairs"])
-def test_case_60_pairs_sample(seeds):
+def test_case_60_pairs_sample(seeds: range) -> None:
     """Twenty random pairs of faults: the invariants hold."""
     assert_unbroken(seeds)
 
 
-def test_case_60_what_no_sensor_shows_is_for_the_rigs_owner():
+def test_case_60_what_no_sensor_shows_is_for_the_rigs_owner() -> None:
     """A lower tank's outlet blocked after its sensor is lost: with `lost_lower_level = "stop"` the pumps are off."""
     faults = fault("sensor_garbage", 13.3, 1), fault("outlet_block", 26.3, 1, 0.9956)
     run = play(story(*faults, duration_s=RUN_S, method="glr", references=MOVING, rig=STOPS), seed=22772)
@@ -111,7 +112,7 @@ def test_case_60_what_no_sensor_shows_is_for_the_rigs_owner():
 
 @pytest.mark.long
 @pytest.mark.parametrize("shard", range(SHARDS))
-def test_case_60_pairs(shard):
+def test_case_60_pairs(shard: int) -> None:
     """Two thousand random pairs of faults, a shard of a hundred each: the invariants hold."""
     size = PAIRS // SHARDS
     assert_unbroken(range(FIRST_SEED + shard * size, FIRST_SEED + (shard + 1) * size))

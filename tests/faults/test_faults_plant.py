@@ -10,7 +10,7 @@ SPLIT = (0.70, 0.60)
 PUMP_KINDS = ("pump_effectiveness", "pump_dead", "pump_stuck_on", "pump_lag")
 
 
-def watched(*faults, duration_s=60.0, **more):
+def watched(*faults, duration_s: float = 60.0, **more):
     """Diagnosed, on a rig that is not what its file says, with references that move."""
     tables = {"emulator": {"parameter_spread": 0.03}} | more
     return story(*faults, duration_s=duration_s, method="glr", references=MOVING, **tables)
@@ -18,7 +18,7 @@ def watched(*faults, duration_s=60.0, **more):
 
 @pytest.mark.parametrize("share", first(1, 0.5, 0.2, 1.0))
 @pytest.mark.parametrize("tank", TANKS)
-def test_case_41_leak(tank, share):
+def test_case_41_leak(tank: int, share: float) -> None:
     """A leak is called one within 20 s, and never a pump's fault."""
     run = play(watched(fault("leak", AT_S, tank, share)))
     assert_no_trip(run)
@@ -34,7 +34,7 @@ BLOCKED = [
 
 
 @pytest.mark.parametrize(("tank", "method"), BLOCKED)
-def test_case_42_outlet_blocked(tank, method):
+def test_case_42_outlet_blocked(tank: int, method: str) -> None:
     """A tank that can no longer drain fills: trip on a high level, before the rim."""
     up = ((5.0, (1.5, 1.5)),)
     emulator = {"parameter_spread": 0.03}
@@ -49,7 +49,7 @@ def test_case_42_outlet_blocked(tank, method):
 
 @pytest.mark.parametrize("by", first(1, 0.15, -0.15))
 @pytest.mark.parametrize("pump", [1, 2])
-def test_case_44_valve_split_drifts(pump, by):
+def test_case_44_valve_split_drifts(pump: int, by: float) -> None:
     """A valve that moves in five small steps: an alarm, or outputs that stay with their references, within 30 s."""
     steps = [fault("valve_split", AT_S + i, pump, SPLIT[pump - 1] + by * (i + 1) / 5) for i in range(5)]
     run = play(watched(*steps, duration_s=70.0))
@@ -59,20 +59,20 @@ def test_case_44_valve_split_drifts(pump, by):
     assert not [name for name in run.names if name.startswith(("sensor", *PUMP_KINDS))], run.told
 
 
-def wandering(duration_s):
+def wandering(duration_s: float):
     """References that step every 40 s, up and down."""
     steps = ((0.3, 0.2), (-0.2, 0.1), (-0.1, -0.3), (0.0, 0.0), (0.2, -0.2), (-0.2, 0.2))
     return tuple((20.0 + 40.0 * i, steps[i % len(steps)]) for i in range(int(duration_s / 40.0)))
 
 
-def quiet(duration_s):
+def quiet(duration_s: float):
     """No fault; 5 % of model error, and turbulence."""
     emulator = {"parameter_spread": 0.05, "tanks": {"turbulence_cm3_sqrt_s": 0.02}}
     return story(duration_s=duration_s, method="glr", references=wandering(duration_s), emulator=emulator)
 
 
 @pytest.mark.parametrize("seed", first(1, 1, 2, 3, 4, 5))
-def test_case_45_nothing_wrong(seed):
+def test_case_45_nothing_wrong(seed: int) -> None:
     """Steps, disturbances and 5 % model error, two minutes: no alarm; the hour is among the long tests."""
     run = play(quiet(120.0), seed=seed)
     assert_no_trip(run)
@@ -81,7 +81,7 @@ def test_case_45_nothing_wrong(seed):
 
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [11, 12, 13])
-def test_case_45_nothing_wrong_for_an_hour(seed):
+def test_case_45_nothing_wrong_for_an_hour(seed: int) -> None:
     """Steps, disturbances and 5 % model error, an hour: no alarm."""
     run = play(quiet(3600.0), seed=seed)
     assert_no_trip(run)

@@ -18,7 +18,7 @@ from hil.edge.record.run_folder import RunFolder
 from hil.review.blueprint import blueprint
 from hil.review.ticks import read
 from tests.bus.runtime_bench import MS, bench_in
-from tests.faults.faults_bench import OFF, RX_S, T_S, TIME_TOLERANCE_S, W_S, assert_no_trip, fault, play, story
+from tests.faults.faults_bench import OFF, RX_S, T_S, TIME_TOLERANCE_S, W_S, Run, assert_no_trip, fault, play, story
 from tests.live.live_bench import PLAIN, controller, emulator, wait_for, write_scenario
 
 AT_S = 5.0
@@ -26,7 +26,7 @@ HOUR_S = 3600.0
 
 
 @pytest.mark.parametrize("jump_s", [HOUR_S, -HOUR_S])
-def test_case_46_wall_clock_jumps(monkeypatch, jump_s):
+def test_case_46_wall_clock_jumps(monkeypatch: pytest.MonkeyPatch, jump_s: float) -> None:
     """The host's wall clock and both nodes' jump an hour: not one tick is any different."""
     plain = play(story())
     real = time.time
@@ -39,7 +39,7 @@ def test_case_46_wall_clock_jumps(monkeypatch, jump_s):
 
 
 @pytest.mark.parametrize("stall_ms", [100, 1000, 10_000])
-def test_case_47_controller_stalls(tmp_path, stall_ms):
+def test_case_47_controller_stalls(tmp_path: Path, stall_ms: int) -> None:
     """0.1 s goes unnoticed; 1 s and 10 s: node safe within W, controller trips; what was missed is never made up."""
     run = bench_in(tmp_path, stalls={1000 * MS: stall_ms * MS})
     outcome = run.run()
@@ -59,7 +59,7 @@ def test_case_47_controller_stalls(tmp_path, stall_ms):
 class Raising:
     """The scenario's own detector, that raises from a time on."""
 
-    def __init__(self, detector, error):
+    def __init__(self, detector, error: Exception) -> None:
         self._detector, self._error = detector, error
 
     def start(self):
@@ -71,7 +71,7 @@ class Raising:
         return self._detector.step(memory, t_s, *arguments)
 
 
-def assert_failed_in_the_same_tick(run):
+def assert_failed_in_the_same_tick(run: Run) -> None:
     assert run.cause == "controller_failed"
     assert len(run.trips) == 1, "the first cause stays"
     off_s = [t_s - run.start_s for t_s, data in run.keeper.sent if not data[4] & 1 and t_s > run.start_s + 1.0]
@@ -80,17 +80,17 @@ def assert_failed_in_the_same_tick(run):
 
 
 @pytest.mark.parametrize("error", [ZeroDivisionError("x"), FloatingPointError(), MemoryError(), KeyError("y")])
-def test_case_51_detector_raises(error):
+def test_case_51_detector_raises(error: Exception) -> None:
     """Whatever the diagnosis raises: 0 V in the same tick; what goes wrong afterwards does not change the cause."""
     run = play(story(fault("heartbeat_stop", AT_S, "level")), detector=lambda own: Raising(own, error))
     assert_failed_in_the_same_tick(run)
 
 
-def test_case_51_estimator_raises(monkeypatch):
+def test_case_51_estimator_raises(monkeypatch: pytest.MonkeyPatch) -> None:
     """So with the level filter."""
     steps, real = [], estimator.step
 
-    def failing(*arguments):
+    def failing(*arguments) -> estimator.Estimate:
         steps.append(1)
         if len(steps) == round(AT_S / T_S):
             raise ValueError("singular")
@@ -101,7 +101,7 @@ def test_case_51_estimator_raises(monkeypatch):
 
 
 @pytest.mark.live
-def test_case_52_disk_full_in_the_run(tmp_path):
+def test_case_52_disk_full_in_the_run(tmp_path: Path) -> None:
     """No file may grow any more: control goes on, the event is there within two flushes, run.json keeps it."""
     scenario, room = write_scenario(tmp_path, duration=12.0), 30_000
     with (
@@ -131,7 +131,7 @@ def commands_s_of_whole_lines(log):
     return [float(line[1 : line.index(")")]) for line in lines if " 201#" in line]
 
 
-def test_case_54_no_viewer_at_start(tmp_path, monkeypatch):
+def test_case_54_no_viewer_at_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """There is no viewer, no screen and nothing to start one with: the timeline opens within 0.5 s all the same."""
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
@@ -144,7 +144,7 @@ def test_case_54_no_viewer_at_start(tmp_path, monkeypatch):
     assert (tmp_path / "run.rrd").stat().st_size > 0
 
 
-def test_case_48_busy_thread(tmp_path):
+def test_case_48_busy_thread(tmp_path: Path) -> None:
     """A step that is not done in time is a stall, whatever keeps it busy: 0.4 s are enough for the watchdog."""
     run = bench_in(tmp_path, stalls={at * MS: 400 * MS for at in (1000, 1500, 2000)})
     outcome = run.run()

@@ -25,7 +25,7 @@ LIMIT_V = 4.0
 DWELL_S = 10.0
 
 
-def watched(*faults, duration_s=45.0, **more):
+def watched(*faults, duration_s: float = 45.0, **more):
     """Diagnosed, on a rig that is not what its file says, with references that move."""
     tables = {"emulator": {"parameter_spread": 0.03}} | more
     return story(*faults, duration_s=duration_s, method="glr", references=MOVING, **tables)
@@ -33,7 +33,7 @@ def watched(*faults, duration_s=45.0, **more):
 
 @pytest.mark.parametrize("lost", first(4, 0.1, 0.2, 0.6, 0.9, 0.3, 0.4, 0.5, 0.7, 0.8))
 @pytest.mark.parametrize("pump", PUMPS)
-def test_case_38_pump_loses_gain(pump, lost):
+def test_case_38_pump_loses_gain(pump: int, lost: float) -> None:
     """10 % are found, 20 % and more isolated and answered with new gains, within 10 s."""
     run = play(watched(fault("pump_effectiveness", AT_S, pump, 1.0 - lost)))
     assert_no_trip(run)
@@ -48,7 +48,7 @@ def test_case_38_pump_loses_gain(pump, lost):
 
 @pytest.mark.parametrize("policy", ["continue", "stop"])
 @pytest.mark.parametrize("pump", PUMPS)
-def test_case_39_pump_dead(pump, policy):
+def test_case_39_pump_dead(pump: int, policy: str) -> None:
     """A dead pump is isolated within 5 s; then the nearest reachable reference, or an orderly stop."""
     run = play(watched(fault("pump_dead", AT_S, pump), rig={"safety": {"dead_pump": policy}}))
     assert run.trips == []
@@ -64,7 +64,7 @@ def test_case_39_pump_dead(pump, policy):
 
 @pytest.mark.parametrize("volts", [2.0, 5.0, 10.0])
 @pytest.mark.parametrize("pump", PUMPS)
-def test_case_40_pump_stuck_on(pump, volts):
+def test_case_40_pump_stuck_on(pump: int, volts: float) -> None:
     """A pump that runs whatever it is told: 0 V, the relay's cut asked for, an alarm, before the trip level."""
     run = play(watched(fault("pump_stuck_on", AT_S, pump, volts), duration_s=60.0))
     assert run.cause == "pump_stuck_on", run.told
@@ -74,27 +74,27 @@ def test_case_40_pump_stuck_on(pump, volts):
     assert run.node_off_s(AT_S) <= run.trip_s + TIME_TOLERANCE_S
 
 
-def test_case_43_reservoir_low():
+def test_case_43_reservoir_low() -> None:
     """Both pumps move air: the dry-run interlock stops them within 2 s."""
     run = play(watched(fault("reservoir_low", AT_S)))
     assert_tripped(run, AT_S, 2.0, "dry_run")
 
 
 @pytest.mark.parametrize("tank", [1, 2])
-def test_case_43_reservoir_low_while_a_pump_stands_still(tank):
+def test_case_43_reservoir_low_while_a_pump_stands_still(tank: int) -> None:
     """The pump of a blocked tank stands still and shows no lack of water; the other one's is enough."""
     run = play(watched(fault("outlet_block", 10.0, tank, 0.9), fault("reservoir_low", AT_S)))
     assert run.at(AT_S - T_S).applied_V[tank - 1] == 0.0
     assert_tripped(run, AT_S, 2.0, "dry_run")
 
 
-def test_case_43_reservoir_low_and_an_outlet_blocked_at_once():
+def test_case_43_reservoir_low_and_an_outlet_blocked_at_once() -> None:
     """A blocked tank keeps its water, which at first looks like a pump that still gives some."""
     run = play(watched(fault("reservoir_low", AT_S + 0.21), fault("outlet_block", AT_S + 0.35, 1, 0.83)), seed=1926)
     assert_tripped(run, AT_S, 2.0, "dry_run")
 
 
-def flapping(values, *, every_s=1.0, from_s=10.0, to_s=60.0):
+def flapping(values, *, every_s: float = 1.0, from_s: float = 10.0, to_s: float = 60.0):
     """A pump that loses a share of its gain and gets it back, again and again."""
     times = [from_s + i * 2 * every_s for i in range(int((to_s - from_s) / (2 * every_s)))]
     return [
@@ -106,7 +106,7 @@ FLAPPING = [("ideal", 0.95), ("ideal", 0.9), ("glr", 0.95), ("glr", 0.9)]
 
 
 @pytest.mark.parametrize(("method", "left"), FLAPPING)
-def test_case_58_flapping(method, left):
+def test_case_58_flapping(method: str, left: float) -> None:
     """A fault that comes and goes at its threshold changes the gains at most once in 10 s."""
     diagnosis = {"method": method} | ({"delay_s": 0.2} if method == "ideal" else {})
     scenario = story(*flapping([left]), duration_s=70.0) | {"diagnosis": diagnosis}
@@ -118,7 +118,7 @@ def test_case_58_flapping(method, left):
 
 
 @pytest.mark.parametrize("left", [0.7, 0.4])
-def test_case_59_gain_change_at_saturation(left):
+def test_case_59_gain_change_at_saturation(left: float) -> None:
     """New gains while a pump is at its limit: no step beyond the rate, and no windup to pay back afterwards."""
     up, down = (5.0, (2.2, 0.0)), (40.0, (-2.2, 0.0))
     made = {"diagnosis": {"method": "ideal", "delay_s": 0.2}, "rig": {"pumps": {"range_V": [0.0, LIMIT_V]}}}

@@ -1,5 +1,6 @@
 """Cases 31 to 37: level sensors that lie, drift, break or fall silent. The rig is 3 % off its file."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from math import inf, nan
@@ -12,6 +13,7 @@ from tests.faults.faults_bench import (
     OFF,
     T_S,
     TIME_TOLERANCE_S,
+    Run,
     assert_no_trip,
     assert_tripped,
     fault,
@@ -26,13 +28,13 @@ GAIN_V_CM = 0.5
 SAMPLE_S = 0.02
 
 
-def watched(*faults, duration_s=45.0, **more):
+def watched(*faults, duration_s: float = 45.0, **more):
     """Diagnosed, on a rig that is not what its file says, with references that move."""
     tables = {"emulator": {"parameter_spread": 0.03}} | more
     return story(*faults, duration_s=duration_s, method="glr", references=MOVING, **tables)
 
 
-def assert_substituted(run, sensor, from_s):
+def assert_substituted(run: Run, sensor: int, from_s: float | None) -> None:
     """From then on the outputs follow their references all the same, by truth."""
     ends = [
         t for t in zip(run.ticks, run.keeper.truths, strict=True) if t[0].t_s > from_s and t[0].mode is Mode.DEGRADED
@@ -43,7 +45,7 @@ def assert_substituted(run, sensor, from_s):
 
 
 @pytest.mark.parametrize("sensor", SENSORS)
-def test_case_31_sensor_stuck(sensor):
+def test_case_31_sensor_stuck(sensor: int) -> None:
     """A reading that stands still is isolated within 5 s; the model takes its place."""
     run = play(watched(fault("sensor_stuck", AT_S, sensor)))
     assert_no_trip(run)
@@ -57,7 +59,7 @@ EARLY = [(1575, 1.457646, 2), (1, 1.37, 2), (5, 2.85, 2)]
 
 
 @pytest.mark.parametrize(("seed", "at_s", "sensor"), EARLY)
-def test_case_31_sensor_stuck_while_levels_still_move(seed, at_s, sensor):
+def test_case_31_sensor_stuck_while_levels_still_move(seed: int, at_s: float, sensor: int) -> None:
     """In the first seconds, while the levels run: the same, and whatever was suspected before is taken back."""
     run = play(watched(fault("sensor_stuck", at_s, sensor)), seed=seed)
     assert_no_trip(run)
@@ -67,7 +69,7 @@ def test_case_31_sensor_stuck_while_levels_still_move(seed, at_s, sensor):
 
 @pytest.mark.parametrize("rate_V_s", first(2, 0.05, -0.1, 0.01, -0.02, 0.02, -0.05, 0.1))
 @pytest.mark.parametrize("sensor", SENSORS)
-def test_case_32_sensor_drifts(sensor, rate_V_s):
+def test_case_32_sensor_drifts(sensor: int, rate_V_s: float) -> None:
     """A drift is found before what is believed of the level is 2 cm off."""
     run = play(watched(fault("sensor_drift", AT_S, sensor, rate_V_s), duration_s=60.0))
     assert_no_trip(run)
@@ -81,13 +83,13 @@ def test_case_32_sensor_drifts(sensor, rate_V_s):
 
 
 @lru_cache(maxsize=1)
-def healthy():
+def healthy() -> Run:
     return play(watched())
 
 
 @pytest.mark.parametrize("bias_V", first(1, -0.3, 0.1, 0.5))
 @pytest.mark.parametrize("sensor", SENSORS)
-def test_case_33_sensor_bias_steps(sensor, bias_V):
+def test_case_33_sensor_bias_steps(sensor: int, bias_V: float) -> None:
     """A step of the bias is isolated within 3 s, and the gains go on without a jump."""
     run = play(watched(fault("sensor_bias", AT_S, sensor, bias_V)))
     assert_no_trip(run)
@@ -110,7 +112,7 @@ def test_case_33_sensor_bias_steps(sensor, bias_V):
 
 @pytest.mark.parametrize("kind", first(1, "open", "short"))
 @pytest.mark.parametrize("sensor", SENSORS)
-def test_case_34_sensor_open_or_short(sensor, kind):
+def test_case_34_sensor_open_or_short(sensor: int, kind: str) -> None:
     """A broken wire or a short: invalid by the third sample; the model takes its place."""
     befallen = fault("sensor_open", AT_S, sensor) if kind == "open" else fault("sensor_bias", AT_S, sensor, -10.24)
     run = play(watched(befallen))
@@ -121,7 +123,7 @@ def test_case_34_sensor_open_or_short(sensor, kind):
 
 
 @pytest.mark.parametrize("sensor", SENSORS)
-def test_case_34_without_a_diagnosis(sensor):
+def test_case_34_without_a_diagnosis(sensor: int) -> None:
     """With nobody to take the sensor's place: trip on the third sample."""
     run = play(story(fault("sensor_open", 5.0, sensor)))
     assert_tripped(run, 5.0, 3 * SAMPLE_S + T_S, "invalid_levels")
@@ -130,7 +132,7 @@ def test_case_34_without_a_diagnosis(sensor):
 class Nonsense:
     """The scenario's own detector, with something in its verdict that is no number from a time on."""
 
-    def __init__(self, detector, damage):
+    def __init__(self, detector, damage: Callable[[Diagnosis], Diagnosis]) -> None:
         self._detector, self._damage = detector, damage
 
     def start(self):
@@ -150,7 +152,7 @@ NONSENSE = {
 
 @pytest.mark.parametrize("number", [nan, inf, -inf])
 @pytest.mark.parametrize("where", NONSENSE)
-def test_case_35_what_is_no_number(where, number):
+def test_case_35_what_is_no_number(where: str, number: float) -> None:
     """NaN or infinity in a verdict: 0 V in the same tick; every command sent is a voltage within range."""
 
     def damaged(diagnosis: Diagnosis) -> Diagnosis:
@@ -165,7 +167,7 @@ def test_case_35_what_is_no_number(where, number):
 
 
 @pytest.mark.parametrize("sensor", SENSORS)
-def test_case_36_sensor_garbage(sensor):
+def test_case_36_sensor_garbage(sensor: int) -> None:
     """Codes from the whole range, each with a good status: invalid by the third sample."""
     run = play(watched(fault("sensor_garbage", AT_S, sensor)))
     assert_no_trip(run)
@@ -175,7 +177,7 @@ def test_case_36_sensor_garbage(sensor):
 
 
 @pytest.mark.parametrize(("first", "second"), [(1, 2), (1, 3), (4, 2), (3, 4)])
-def test_case_37_two_sensors_fail(first, second):
+def test_case_37_two_sensors_fail(first: int, second: int) -> None:
     """With the second sensor gone the rig is safe, one tick after it has been isolated."""
     run = play(watched(fault("sensor_stuck", AT_S, first), fault("sensor_open", AT_S + 5.0, second)))
     isolated_s = run.finding(f"sensor_open {second}").isolated_s
@@ -183,7 +185,7 @@ def test_case_37_two_sensors_fail(first, second):
 
 
 @pytest.mark.parametrize(("sensor", "pump"), [(1, 1), (2, 2)])
-def test_case_37_a_tank_without_sensor_whose_pump_then_runs_on(sensor, pump):
+def test_case_37_a_tank_without_sensor_whose_pump_then_runs_on(sensor: int, pump: int) -> None:
     """Without its sensor, a pump that runs on and a valve that has moved look the same: safe, before the tank fills."""
     faults = fault("sensor_stuck", AT_S, sensor), fault("pump_stuck_on", AT_S + 3.0, pump, 9.5)
     run = play(watched(*faults))
@@ -191,7 +193,7 @@ def test_case_37_a_tank_without_sensor_whose_pump_then_runs_on(sensor, pump):
 
 
 @pytest.mark.parametrize("sensor", SENSORS)
-def test_noise_takes_back_what_its_first_readings_led_to(sensor):
+def test_noise_takes_back_what_its_first_readings_led_to(sensor: int) -> None:
     """One noisy reading at the end of a period looks like a bias; once the noise is plain nothing else is left."""
     run = play(watched(fault("sensor_noise", AT_S + 0.585, sensor, 0.1)), seed=3)
     assert_no_trip(run)

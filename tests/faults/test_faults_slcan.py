@@ -36,7 +36,7 @@ AT_S = 5.0
 
 
 @pytest.fixture(params=OVER, autouse=True)
-def line(request, monkeypatch):
+def line(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> slcan_bench.Line:
     """An slcan line, on which the tests of the other files play, too."""
     made = slcan_bench.Line(OVER[request.param])
     for module in (of_bus, of_frames, of_nodes, of_process):
@@ -44,12 +44,12 @@ def line(request, monkeypatch):
     return made
 
 
-def counts(line):
+def counts(line: str):
     """What the line has counted, but for zeros."""
     return {name: number for name, number in line.host.counts.items() if number}
 
 
-def test_a_run_over_a_line_is_the_same_to_the_bit(line):
+def test_a_run_over_a_line_is_the_same_to_the_bit(line: str) -> None:
     run = line.play(story(fault("frame_loss", 2.0, "LowerLevels", 0.2)))
     assert run.ticks == play(story(fault("frame_loss", 2.0, "LowerLevels", 0.2))).ticks
     assert counts(line) == {}
@@ -57,13 +57,13 @@ def test_a_run_over_a_line_is_the_same_to_the_bit(line):
 
 @pytest.mark.parametrize("end", [b"\n", b"\r\n"])
 @pytest.mark.parametrize("which", ["frames", "all lines"])
-def test_a_run_over_an_adapter_with_other_line_ends_is_the_same_to_the_bit(line, end, which):
+def test_a_run_over_an_adapter_with_other_line_ends_is_the_same_to_the_bit(line: slcan_bench.Line, end, which) -> None:
     """Every received frame used to be rejected, and the rig was never ready: "levels are too old"."""
 
     def other_end(text):
         return text.replace(b"\r", end)
 
-    def on_step(t_s):
+    def on_step(t_s) -> None:
         del t_s
         line.far.garble = other_end
         if which == "all lines":
@@ -74,55 +74,55 @@ def test_a_run_over_an_adapter_with_other_line_ends_is_the_same_to_the_bit(line,
 
 
 @pytest.mark.parametrize("frame", ["LowerLevels", "PumpStatus", "PumpCommand"])
-def test_case_01_one_frame_lost(frame):
+def test_case_01_one_frame_lost(frame: str) -> None:
     of_frames.test_case_01_one_frame_lost(frame)
 
 
-def test_case_02_random_loss():
+def test_case_02_random_loss() -> None:
     of_frames.test_case_02_random_loss(1)
 
 
 @pytest.mark.parametrize("count", [5, 20])
-def test_case_03_burst_lost(count):
+def test_case_03_burst_lost(count: int) -> None:
     of_frames.test_case_03_burst_lost("UpperLevels", count)
 
 
-def test_case_03_burst_of_commands_lost():
+def test_case_03_burst_of_commands_lost() -> None:
     of_frames.test_case_03_burst_of_commands_lost(3)
 
 
 @pytest.mark.parametrize("count", [15, 16, 32])
-def test_case_04_burst_that_wraps_the_counter(count):
+def test_case_04_burst_that_wraps_the_counter(count: int) -> None:
     of_frames.test_case_04_burst_that_wraps_the_counter("LowerLevels", count)
 
 
-def test_case_05_duplicate():
+def test_case_05_duplicate() -> None:
     of_frames.test_case_05_duplicate()
 
 
 @pytest.mark.parametrize("frame", ["LowerLevels", "PumpCommand"])
-def test_case_06_reordered(frame):
+def test_case_06_reordered(frame: str) -> None:
     of_frames.test_case_06_reordered(frame)
 
 
-def test_case_07_delayed_less_than_the_limit():
+def test_case_07_delayed_less_than_the_limit() -> None:
     of_frames.test_case_07_delayed_less_than_the_limit("LowerLevels", 0.25)
 
 
-def test_case_08_delayed_more_than_the_limit():
+def test_case_08_delayed_more_than_the_limit() -> None:
     of_frames.test_case_08_delayed_more_than_the_limit("PumpStatus")
 
 
 @pytest.mark.parametrize("frame", ["UpperLevels", "PumpCommand"])
-def test_case_09_crc_wrong_once(frame):
+def test_case_09_crc_wrong_once(frame: str) -> None:
     of_frames.test_case_09_crc_wrong_once(frame)
 
 
-def test_case_09_crc_wrong_five_times():
+def test_case_09_crc_wrong_five_times() -> None:
     of_frames.test_case_09_crc_wrong_five_times("LowerLevels")
 
 
-def test_case_10_every_one_bit_flip_of_a_line(line):
+def test_case_10_every_one_bit_flip_of_a_line(line: str) -> None:
     """Each bit of each character: refused by line or wire, or the same frame in the other case; the next is taken."""
     del line  # of bytes alone
     payload = node.pack_levels(node.LOWER_LEVELS_ID, (6.2, 6.4), (node.ChannelStatus.OK,) * 2, 3)
@@ -138,32 +138,32 @@ def test_case_10_every_one_bit_flip_of_a_line(line):
         assert len(taken) == (0 if is_end_lost else 1), bytes(flipped)
 
 
-def test_case_11_counter_stuck():
+def test_case_11_counter_stuck() -> None:
     of_frames.test_case_11_counter_stuck("LowerLevels")
 
 
-def test_case_11_counter_of_commands_stuck():
+def test_case_11_counter_of_commands_stuck() -> None:
     of_frames.test_case_11_counter_of_commands_stuck()
 
 
-def test_case_12_babbling_node_of_a_foreign_id():
+def test_case_12_babbling_node_of_a_foreign_id() -> None:
     of_bus.test_case_12_babbling_node_of_a_foreign_id()
 
 
-def test_case_13_babbling_node_of_top_priority():
+def test_case_13_babbling_node_of_top_priority() -> None:
     of_bus.test_case_13_babbling_node_of_top_priority()
 
 
-def test_case_14_foreign_command():
+def test_case_14_foreign_command() -> None:
     of_bus.test_case_14_foreign_command(3.0)
 
 
 @pytest.mark.parametrize("frame", ["LowerLevels", "PumpCommand"])
-def test_case_15_wrong_length(frame):
+def test_case_15_wrong_length(frame: str) -> None:
     of_frames.test_case_15_wrong_length(frame)
 
 
-def play_with(line, changes):
+def play_with(line: str, changes):
     """A run in which a level frame's line is changed every 0.3 s from AT_S on, by one change after the other."""
     left = [(AT_S + 0.3 * number, change) for number, change in enumerate(changes)]
     due = []
@@ -171,7 +171,7 @@ def play_with(line, changes):
     def garble(text):
         return due.pop()(text) if due and text.startswith(b"t1827") else text
 
-    def on_step(t_s):
+    def on_step(t_s) -> None:
         line.far.garble = garble
         if left and t_s >= left[0][0]:
             due.append(left.pop(0)[1])
@@ -182,7 +182,7 @@ def play_with(line, changes):
     return run
 
 
-def test_case_16_payload_shorter_than_its_length(line):
+def test_case_16_payload_shorter_than_its_length(line: str) -> None:
     """1, 2, 4, 13 or 14 digits are missing: such a frame is dropped, nothing raises, no trip."""
     cuts = (1, 2, 4, 13, 14)
     run = play_with(line, [lambda text, cut=cut: text[: -1 - cut] + b"\r" for cut in cuts])
@@ -191,28 +191,28 @@ def test_case_16_payload_shorter_than_its_length(line):
     assert counts(line) == {"rejected_payload": len(cuts)}
 
 
-def test_case_17_wrong_id_or_data_id():
+def test_case_17_wrong_id_or_data_id() -> None:
     of_frames.test_case_17_wrong_id_or_data_id()
 
 
 @pytest.mark.parametrize("kind", ["extended_id", "remote_frame"])
 @pytest.mark.parametrize("frame", ["LowerLevels", "PumpCommand"])
-def test_case_18_19_extended_and_remote_frames(frame, kind):
+def test_case_18_19_extended_and_remote_frames(frame: str, kind: str) -> None:
     of_frames.test_case_18_19_extended_and_remote_frames(frame, kind)
 
 
-def test_case_20_error_frames_can_not_be_said(line):
+def test_case_20_error_frames_can_not_be_said(line: str) -> None:
     """slcan has no words for them: a storm changes nothing, and the ages still watch over what comes."""
     run = line.play(story(fault("error_frames", AT_S, None, 200.0)))
     assert_no_trip(run)
     assert counts(line) == {}
 
 
-def test_case_21_bus_off():
+def test_case_21_bus_off() -> None:
     of_bus.test_case_21_bus_off()
 
 
-def assert_stays_safe(line, run):
+def assert_stays_safe(line: str, run) -> None:
     """Another run on another line is not armed by itself; only when the trip is cleared on purpose."""
     again = line.play(story(duration_s=5.0, rig={"safety": {"arm_timeout_s": 2.0}}), emulator=run.emulator)
     assert again.outcome.status == "failed"
@@ -222,7 +222,7 @@ def assert_stays_safe(line, run):
     assert cleared.outcome.status == "complete"
 
 
-def test_case_22_adapter_boots_in_the_midst_of_a_run(line):
+def test_case_22_adapter_boots_in_the_midst_of_a_run(line: str) -> None:
     """Its channel is closed then: no frame comes, each command is refused; never opened again behind our back."""
     run = line.play(story(duration_s=30.0), on_step=line.at(AT_S, lambda far: far.boot()))
     assert_tripped(run, AT_S, RX_S + T_S, "stale_levels", "stale_status", "node_lost", "node_tripped")
@@ -231,7 +231,7 @@ def test_case_22_adapter_boots_in_the_midst_of_a_run(line):
     assert_stays_safe(line, run)
 
 
-def test_case_23_transmit_queue_full(line):
+def test_case_23_transmit_queue_full(line: str) -> None:
     """The adapter refuses (BELL) what its queue has no room for: dropped for good, trip within 3 T, safe within W."""
     run = line.play(story(duration_s=30.0), on_step=line.at(AT_S, lambda far: setattr(far, "refuses", True)))
     assert_tripped(run, AT_S, T_S + 3 * T_S, "node_tripped", "echo_missing")
@@ -240,7 +240,7 @@ def test_case_23_transmit_queue_full(line):
     assert counts(line) == {"refused": len(commands) - 1}, "each but the very last, whose answer nobody waits for"
 
 
-def test_case_24_adapter_unplugged_and_plugged_again(line):
+def test_case_24_adapter_unplugged_and_plugged_again(line: str) -> None:
     """The line breaks: trip in the step that sees it, safe within W; on a new line nothing moves until cleared."""
     run = line.play(story(duration_s=30.0), on_step=line.at(AT_S, lambda far: far.unplug()))
     assert_tripped(run, AT_S, T_S, "bus_failed")
@@ -249,11 +249,11 @@ def test_case_24_adapter_unplugged_and_plugged_again(line):
     assert_stays_safe(line, run)
 
 
-def test_case_25_any_garbage_between_two_lines(line):
+def test_case_25_any_garbage_between_two_lines(line: str) -> None:
     """Bytes beyond ASCII and all else that a line may bring: the next frame is received, and not one is lost."""
     left = list(GARBAGE.values())
 
-    def on_step(t_s):
+    def on_step(t_s) -> None:
         if left and t_s >= AT_S:
             line.far.say(left.pop())
 
@@ -265,7 +265,7 @@ def test_case_25_any_garbage_between_two_lines(line):
 
 
 @pytest.mark.parametrize("byte", [b"\xff", b"\x00", b"\n", b"\a"])
-def test_case_25_a_byte_in_the_midst_of_a_line(line, byte):
+def test_case_25_a_byte_in_the_midst_of_a_line(line: str, byte: bytes) -> None:
     """Such a frame is lost for good, the next one is received."""
     places = (1, 3, 10)
     run = play_with(line, [lambda text, at=at: text[:at] + byte + text[at:] for at in places])
@@ -274,7 +274,7 @@ def test_case_25_a_byte_in_the_midst_of_a_line(line, byte):
     assert max(tick.levels_age_s for tick in run.ticks) <= RX_S
 
 
-def test_case_25_nothing_but_garbage_trips_on_age(line):
+def test_case_25_nothing_but_garbage_trips_on_age(line: str) -> None:
     """Every line is spoilt: the link is up, nothing of ours comes, and the ages trip."""
     spoilt = line.at(AT_S, lambda far: setattr(far, "garble", lambda text: text[:2] + b"\xff" + text[3:]))
     run = line.play(story(duration_s=30.0), on_step=spoilt)
@@ -282,10 +282,10 @@ def test_case_25_nothing_but_garbage_trips_on_age(line):
     assert counts(line)["rejected_garbled"] > 10
 
 
-def test_case_26_line_without_end(line):
+def test_case_26_line_without_end(line: str) -> None:
     """20 kB without CR: no more than 1 kB is kept, the line that ends it is lost, all else goes on."""
 
-    def babble(far):
+    def babble(far) -> None:
         for _ in range(20):
             far.say(b"A" * 1000)
             far.deliver(line.host)
@@ -297,7 +297,7 @@ def test_case_26_line_without_end(line):
     assert counts(line) == {"rejected_endless": 1}
 
 
-def test_case_27_every_send_refused(line):
+def test_case_27_every_send_refused(line: str) -> None:
     """The adapter refuses every command: safe within W, the missing echo trips within 5 T, each refusal is counted."""
     run = line.play(story(), on_step=line.at(AT_S, lambda far: setattr(far, "refuses", True)))
     assert_tripped(run, AT_S, 5 * T_S, "echo_missing", "node_tripped")
@@ -305,7 +305,7 @@ def test_case_27_every_send_refused(line):
     assert counts(line)["refused"] > 3
 
 
-def test_case_27_every_send_refused_from_the_start(line):
+def test_case_27_every_send_refused_from_the_start(line: str) -> None:
     """So from the first command on: the pumps never move."""
     run = line.play(
         story(rig={"safety": {"arm_timeout_s": 2.0}}), on_step=line.at(-2.0, lambda far: setattr(far, "refuses", True))
@@ -315,7 +315,7 @@ def test_case_27_every_send_refused_from_the_start(line):
     assert all(change.applied_V == OFF for change in run.keeper.changes if change.node == "pump")
 
 
-def test_case_28_adapter_stops_reading(line):
+def test_case_28_adapter_stops_reading(line: str) -> None:
     """The commands wait in the line: trip; when it reads again, the node refuses them all and stays at 0 V."""
     run = line.play(story(duration_s=30.0), on_step=line.at(AT_S, lambda far: setattr(far, "is_deaf", True)))
     assert_tripped(run, AT_S, RX_S + T_S, "node_tripped", "echo_missing")
@@ -330,19 +330,19 @@ def test_case_28_adapter_stops_reading(line):
 
 
 @pytest.mark.parametrize("target", ["pump", "level"])
-def test_case_29_node_reboots(target):
+def test_case_29_node_reboots(target: str) -> None:
     of_nodes.test_case_29_node_reboots(target, AT_S)
 
 
 @pytest.mark.parametrize("target", ["pump", "level"])
-def test_case_30_heartbeat_stops(target):
+def test_case_30_heartbeat_stops(target: str) -> None:
     of_nodes.test_case_30_heartbeat_stops(target, AT_S)
 
 
 @pytest.mark.parametrize("jump_s", [3600.0, -3600.0])
-def test_case_46_wall_clock_jumps(monkeypatch, jump_s):
+def test_case_46_wall_clock_jumps(monkeypatch: pytest.MonkeyPatch, jump_s: float) -> None:
     of_process.test_case_46_wall_clock_jumps(monkeypatch, jump_s)
 
 
-def test_case_51_detector_raises():
+def test_case_51_detector_raises() -> None:
     of_process.test_case_51_detector_raises(ZeroDivisionError("x"))

@@ -29,14 +29,16 @@ def shipped() -> EmulatorSettings:
     return load(CONFIG / "emulator.toml")[0]
 
 
-def command_bytes(v1=0.0, v2=0.0, *, enable=True, clear=False, counter=0) -> bytes:
+def command_bytes(
+    v1: float = 0.0, v2: float = 0.0, *, enable: bool = True, clear: bool = False, counter: int = 0
+) -> bytes:
     flags = enable | clear << 1 | counter << 4
     return sealed(COMMAND_ID, struct.pack("<HHB", round(v1 * 5000), round(v2 * 5000), flags))
 
 
-def frame_of(data: bytes, can_id=COMMAND_ID, **kind: Any) -> Message:
+def frame_of(data: bytes, can_id: int = COMMAND_ID, **kind: Any) -> Message:
     return Message(arbitration_id=can_id, data=data, **({"is_extended_id": False} | kind))
 
 
-def command(v1=0.0, v2=0.0, *, enable=True, clear=False, counter=0) -> Message:
+def command(v1: float = 0.0, v2: float = 0.0, *, enable: bool = True, clear: bool = False, counter: int = 0) -> Message:
     return frame_of(command_bytes(v1, v2, enable=enable, clear=clear, counter=counter))

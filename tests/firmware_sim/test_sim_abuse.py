@@ -43,10 +43,10 @@ HOST = st.sampled_from(["connect", "close", "reset", "half close", "read"]) | BY
 class Turns:
     """A port and its rig, turn by turn, 20 ms apart."""
 
-    def __init__(self, port, rig):
+    def __init__(self, port: TcpPort | PtyPort, rig: Rig) -> None:
         self.port, self.rig, self.now_ns = port, rig, 0
 
-    def turn(self):
+    def turn(self) -> None:
         self.now_ns += 20 * MS
         assert self.port.read(self.now_ns)
         self.port.send(self.rig.advance(self.now_ns))
@@ -59,10 +59,10 @@ class Turns:
 class TcpHost:
     """The near end of a TCP port."""
 
-    def __init__(self, port):
+    def __init__(self, port: TcpPort) -> None:
         self._address, self._socket = port._listener.getsockname(), None
 
-    def do(self, what):
+    def do(self, what: str) -> None:
         if what == "connect":
             self.do("close")
             self._socket = socket.create_connection(self._address)
@@ -96,10 +96,10 @@ class TcpHost:
 class PtyHost:
     """The near end of a pty."""
 
-    def __init__(self, port):
+    def __init__(self, port: PtyPort) -> None:
         self._path, self._fd = port.path, None
 
-    def do(self, what):
+    def do(self, what: str) -> None:
         if what == "connect":
             self.do("close")
             self._fd = os.open(self._path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
@@ -118,7 +118,7 @@ class PtyHost:
                 else:
                     os.write(self._fd, what)
 
-    def asks(self, what, turns):
+    def asks(self, what, turns) -> bytes | None:
         os.write(self._fd, what)
         for _ in range(200):
             turns.turn()
@@ -127,13 +127,13 @@ class PtyHost:
         return None
 
 
-def on_tcp():
+def on_tcp() -> tuple[Turns, TcpHost]:
     rig = Rig(shipped(), (), 1, 0)
     port = TcpPort(rig, listen(0))
     return Turns(port, rig), TcpHost(port)
 
 
-def on_pty():
+def on_pty() -> tuple[Turns, PtyHost]:
     rig = Rig(shipped(), (), 1, 0)
     port = PtyPort(rig)
     return Turns(port, rig), PtyHost(port)
@@ -142,7 +142,7 @@ def on_pty():
 @pytest.mark.parametrize("make", [on_tcp, on_pty])
 @given(st.lists(HOST, max_size=25))
 @settings(max_examples=60, deadline=None)
-def test_whatever_hosts_do_the_rig_goes_on_and_the_next_host_is_served(make, steps):
+def test_whatever_hosts_do_the_rig_goes_on_and_the_next_host_is_served(make, steps) -> None:
     turns, host = make()
     try:
         host.do("connect")
@@ -162,7 +162,7 @@ def test_whatever_hosts_do_the_rig_goes_on_and_the_next_host_is_served(make, ste
 
 
 @pytest.mark.parametrize("make", [on_tcp, on_pty])
-def test_a_host_that_floods_and_never_reads_is_taken_a_bounded_piece_a_turn(make):
+def test_a_host_that_floods_and_never_reads_is_taken_a_bounded_piece_a_turn(make) -> None:
     turns, host = make()
     try:
         host.do("connect")

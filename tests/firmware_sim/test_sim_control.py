@@ -5,6 +5,8 @@ import select
 import socket
 import subprocess
 import sys
+from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -14,7 +16,7 @@ from tests.firmware_sim.fault_bench import rig_with
 from tests.firmware_sim.sim_bench import SECOND
 
 
-def test_lines_come_cut_anywhere_and_long_ones_are_cut_off():
+def test_lines_come_cut_anywhere_and_long_ones_are_cut_off() -> None:
     lines = Lines()
     assert lines.feed(b"fail") == []
     assert lines.feed(b"ure pump ok\r\n\n failure ") == ["failure pump ok"]
@@ -25,7 +27,7 @@ def test_lines_come_cut_anywhere_and_long_ones_are_cut_off():
 
 
 @pytest.fixture(params=["tcp", "unix"])
-def control(request, tmp_path):
+def control(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[CommandServer]:
     rig = rig_with()
     rig.advance(SECOND)
     listener = listen(0) if request.param == "tcp" else listen_unix(tmp_path / "control")
@@ -35,7 +37,7 @@ def control(request, tmp_path):
     control.close()
 
 
-def connected(control):
+def connected(control: str) -> socket.socket:
     address = control.address
     if address.startswith("/"):
         client = socket.socket(socket.AF_UNIX)
@@ -46,7 +48,7 @@ def connected(control):
     return client
 
 
-def test_each_line_gets_its_answer_on_its_own_socket(control):
+def test_each_line_gets_its_answer_on_its_own_socket(control: str) -> None:
     with connected(control) as first, connected(control) as second:
         first.sendall(b"failure pump off -i 1\nfailure pump garbage\n")
         second.sendall(b"failure help\n")
@@ -63,7 +65,7 @@ def test_each_line_gets_its_answer_on_its_own_socket(control):
     assert len(control.filenos()) == 1
 
 
-def test_a_host_that_never_reads_is_dropped(control):
+def test_a_host_that_never_reads_is_dropped(control: str) -> None:
     with connected(control) as client:
         control.read(SECOND)
         client.setblocking(False)
@@ -78,7 +80,7 @@ def test_a_host_that_never_reads_is_dropped(control):
         assert len(control.filenos()) == 1
 
 
-def test_a_path_in_use_is_refused_and_an_abandoned_one_is_taken_over(tmp_path):
+def test_a_path_in_use_is_refused_and_an_abandoned_one_is_taken_over(tmp_path: Path) -> None:
     path = tmp_path / "control"
     first = listen_unix(path)
     with pytest.raises(OSError, match="in use"):
@@ -92,7 +94,7 @@ def test_a_path_in_use_is_refused_and_an_abandoned_one_is_taken_over(tmp_path):
     assert path.read_text() == "precious"
 
 
-def line_of(process, timeout_s=10.0):
+def line_of(process: subprocess.Popen[bytes], timeout_s: float = 10.0) -> str:
     """The next line, byte by byte: what a buffer holds back, select can't see."""
     line = b""
     while not line.endswith(b"\n"):
@@ -104,7 +106,7 @@ def line_of(process, timeout_s=10.0):
 
 
 @pytest.mark.live
-def test_the_process_takes_commands_on_standard_input_and_a_socket(tmp_path):
+def test_the_process_takes_commands_on_standard_input_and_a_socket(tmp_path: Path) -> None:
     path = tmp_path / "control"
     process = subprocess.Popen(
         [sys.executable, "-m", "firmware_sim", "--slcan", "0", "--control", str(path)],
@@ -135,7 +137,7 @@ def test_the_process_takes_commands_on_standard_input_and_a_socket(tmp_path):
 
 
 @pytest.mark.parametrize("where", ["/nowhere/at/all", "99999"])
-def test_a_control_address_that_can_not_be_had_is_one_line(where):
+def test_a_control_address_that_can_not_be_had_is_one_line(where: str) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "firmware_sim", "--pty", "--control", where],
         capture_output=True,

@@ -3,6 +3,7 @@
 import pytest
 
 from firmware_sim.failure_command import COMPONENTS, execute
+from firmware_sim.faults.base import Fault
 from firmware_sim.faults.catalogue import KINDS, value_of
 from firmware_sim.frames import NodeState
 from tests.firmware_sim.fault_bench import as_bytes, drive, fault, named, rig_with, run_s
@@ -12,20 +13,20 @@ from tests.firmware_sim.sim_bench import ROOT, SECOND
 class Recorder:
     """Notes what it is told to do."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.faults, self.recoveries = [], []
 
-    def inject(self, fault, now_ns):
+    def inject(self, fault: Fault, now_ns: int) -> None:
         assert now_ns == 7
         self.faults.append(fault)
 
-    def recover(self, kinds, targets, now_ns):
+    def recover(self, kinds: set[str], targets: set[int | str] | None, now_ns: int) -> int:
         assert now_ns == 7
         self.recoveries.append((kinds, targets))
         return 2
 
 
-def done(line):
+def done(line: str) -> tuple[str, Recorder]:
     recorder = Recorder()
     answer = execute(line, recorder, 7)
     assert "\n" not in answer
@@ -75,7 +76,7 @@ COMMANDS = [
 
 
 @pytest.mark.parametrize(("line", "expected"), COMMANDS, ids=[line for line, _ in COMMANDS])
-def test_a_command_becomes_faults(line, expected):
+def test_a_command_becomes_faults(line: str, expected: list[tuple[str, str | int, float | None]]) -> None:
     answer, recorder = done(line)
     assert answer == f"ok {expected[0][0]} {', '.join(str(target) for _, target, _ in expected)}"
     seen = [(fault.kind, fault.target, getattr(fault, "value", None)) for fault in recorder.faults]
@@ -83,12 +84,12 @@ def test_a_command_becomes_faults(line, expected):
     assert {(fault.at_s, fault.until_s) for fault in recorder.faults} == {(0.0, None)}
 
 
-def test_every_kind_can_be_commanded():
+def test_every_kind_can_be_commanded() -> None:
     assert {word.kind for component in COMPONENTS.values() for word in component.types.values()} == set(KINDS)
     assert {expected[0][0] for _, expected in COMMANDS} == set(KINDS)
 
 
-def test_a_command_may_say_how_long():
+def test_a_command_may_say_how_long() -> None:
     assert done("failure pump off -i 1 -t 2.5")[1].faults[0].until_s == 2.5
 
 
@@ -101,13 +102,13 @@ def test_a_command_may_say_how_long():
         ("failure bus ok", {"bus_off", "error_frames", "babble", "foreign_command"}, None),
     ],
 )
-def test_ok_ends_what_acts_on_the_component(line, kinds, targets):
+def test_ok_ends_what_acts_on_the_component(line: str, kinds: set[str], targets: set[int] | None) -> None:
     answer, recorder = done(line)
     assert answer == f"ok {line.split()[1]}: 2 ended"
     assert recorder.recoveries == [(kinds, targets)]
 
 
-def test_ok_of_one_frame_is_not_that_of_all():
+def test_ok_of_one_frame_is_not_that_of_all() -> None:
     assert done("failure lower_levels ok")[1].recoveries[0][1] == {"LowerLevels"}
     assert done("failure frames ok")[1].recoveries[0][1] is None
 
@@ -149,20 +150,20 @@ REFUSALS = [
 
 
 @pytest.mark.parametrize(("line", "expected"), REFUSALS, ids=[line for line, _ in REFUSALS])
-def test_a_refusal_says_why_and_does_nothing(line, expected):
+def test_a_refusal_says_why_and_does_nothing(line: str, expected: str) -> None:
     answer, recorder = done(line)
     assert answer.startswith(f"error: {expected}")
     assert recorder.faults == recorder.recoveries == []
 
 
-def test_help_names_the_components():
+def test_help_names_the_components() -> None:
     answer, _ = done("failure help")
     assert answer.startswith("ok failure <component>")
     assert all(name in answer for name in COMPONENTS)
 
 
 @pytest.mark.parametrize(("name", "component"), COMPONENTS.items(), ids=COMPONENTS)
-def test_help_of_a_component_has_each_failure_type_with_what_it_takes(name, component):
+def test_help_of_a_component_has_each_failure_type_with_what_it_takes(name, component) -> None:
     answer, recorder = done(f"failure help {name}")
     assert answer.startswith(f"ok {name} -i 1 .. {len(component.targets)}: ok, ")
     assert recorder.faults == recorder.recoveries == []
@@ -171,11 +172,11 @@ def test_help_of_a_component_has_each_failure_type_with_what_it_takes(name, comp
         assert f", {failure_type}{f' (-v {value})' if value else ''}" in answer
 
 
-def test_help_of_an_unknown_component_is_refused():
+def test_help_of_an_unknown_component_is_refused() -> None:
     assert done("failure help gps")[0].startswith("error: unknown component 'gps': one of pump, valve")
 
 
-def test_a_command_acts_at_once_and_ok_ends_it():
+def test_a_command_acts_at_once_and_ok_ends_it() -> None:
     rig = rig_with()
     drive(rig, 1.0)
     assert execute("failure pump off -i 1", rig, rig.now_ns) == "ok pump_dead 1"
@@ -187,7 +188,7 @@ def test_a_command_acts_at_once_and_ok_ends_it():
     assert rig.truth().faults == ()
 
 
-def test_a_command_works_before_the_scenario_starts():
+def test_a_command_works_before_the_scenario_starts() -> None:
     rig = rig_with()
     rig.advance(150_000_000)
     execute("failure lower_levels off -t 0.5", rig, rig.now_ns)
@@ -195,7 +196,7 @@ def test_a_command_works_before_the_scenario_starts():
     assert run_s(named(frames, "LowerLevels")[0]) == 0.46
 
 
-def test_a_commanded_fault_is_the_same_as_a_scheduled_one():
+def test_a_commanded_fault_is_the_same_as_a_scheduled_one() -> None:
     scheduled, commanded = rig_with(fault("sensor_garbage", 2, at_s=1.01)), rig_with()
     expected = drive(scheduled, 1.01) + drive(scheduled, 2.0)
     frames = drive(commanded, 1.01)
@@ -203,7 +204,7 @@ def test_a_commanded_fault_is_the_same_as_a_scheduled_one():
     assert as_bytes(frames + drive(commanded, 2.0)) == as_bytes(expected)
 
 
-def test_reboot_by_command_twice_counts_twice():
+def test_reboot_by_command_twice_counts_twice() -> None:
     rig = rig_with()
     drive(rig, 1.0)
     for _ in range(2):
@@ -213,7 +214,7 @@ def test_reboot_by_command_twice_counts_twice():
     assert int.from_bytes(heartbeat[1:3], "little") == 3
 
 
-def test_the_table_of_the_documents_has_every_kind_and_word():
+def test_the_table_of_the_documents_has_every_kind_and_word() -> None:
     text = (ROOT / "docs/reference/faults.md").read_text()
     assert all(f"| `{kind}` |" in text for kind in KINDS)
     assert all(f"`{name}`" in text for name in COMPONENTS)

@@ -3,11 +3,13 @@
 import random
 from typing import get_args
 
+import can
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from firmware_sim.faults.base import FaultTable
 from firmware_sim.faults.catalogue import KINDS
 from firmware_sim.rig import Rig
 from firmware_sim.setting_types import accepts
@@ -19,7 +21,7 @@ NARROWER = {"frame_burst": (1, 100), "frame_delay": (0.0, 2.0), "error_frames": 
 """Values that leave something to see within some seconds."""
 
 
-def parts_of(kind, table):
+def parts_of(kind: str, table: type[FaultTable]) -> tuple[list[int | str | None], tuple[float, float] | None]:
     """Targets of a kind, None where it may be left out, and the limits of its value, None if it has none."""
     fields = table.model_fields
     targets = [*([] if fields["target"].is_required() else [None]), *accepts(fields["target"]).choices]
@@ -31,7 +33,7 @@ PARTS = {kind: parts_of(kind, table) for kind, table in KINDS.items()}
 
 
 @st.composite
-def any_fault(draw, kinds=tuple(PARTS)):
+def any_fault(draw, kinds: tuple[str, ...] = tuple(PARTS)) -> FaultTable:
     kind = draw(st.sampled_from(kinds))
     targets, limits = PARTS[kind]
     value = None
@@ -43,7 +45,7 @@ def any_fault(draw, kinds=tuple(PARTS)):
     return fault(kind, draw(st.sampled_from(targets)), value, at_s, until_s)
 
 
-def faults_of_every_kind(seed):
+def faults_of_every_kind(seed: int):
     """One fault of each kind at a time of its own."""
     chance = random.Random(seed)  # noqa: S311 - a mixture, not secrets
     made = []
@@ -56,7 +58,7 @@ def faults_of_every_kind(seed):
 
 
 @pytest.mark.parametrize("kind", PARTS)
-def test_both_ends_of_a_kind_s_range_are_accepted_and_what_lies_beyond_is_refused(kind):
+def test_both_ends_of_a_kind_s_range_are_accepted_and_what_lies_beyond_is_refused(kind) -> None:
     """The limits that the documentation and the help show are those that the check applies."""
     targets, _ = PARTS[kind]
     limits = accepts(KINDS[kind].model_fields["value"]).numbers if "value" in KINDS[kind].model_fields else None
@@ -73,7 +75,7 @@ def test_both_ends_of_a_kind_s_range_are_accepted_and_what_lies_beyond_is_refuse
         fault(kind, "no such target", None if limits is None else limits[0])
 
 
-def driven(rig, until_s, cuts=None, chance=None):
+def driven(rig: Rig, until_s: float, cuts: int | None = None, chance: random.Random | None = None) -> list[can.Message]:
     frames, moments = [], []
     for step in range(int(until_s * 10)):
         at_ns = START + step * 100 * MS
@@ -88,7 +90,7 @@ def driven(rig, until_s, cuts=None, chance=None):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_results_do_not_depend_on_how_time_is_cut(seed):
+def test_results_do_not_depend_on_how_time_is_cut(seed: int) -> None:
     aged = shipped().model_copy(
         update={
             "parameter_spread": 0.03,
@@ -105,7 +107,7 @@ def test_results_do_not_depend_on_how_time_is_cut(seed):
     assert as_bytes(driven(other, 4.0)) != as_bytes(expected)
 
 
-def test_a_fault_s_randomness_does_not_depend_on_its_neighbours():
+def test_a_fault_s_randomness_does_not_depend_on_its_neighbours() -> None:
     noisy = fault("sensor_noise", 1, 0.5)
     alone = driven(Rig(shipped(), (noisy,), 3, 0), 2.0)
     beside = driven(Rig(shipped(), (noisy, fault("frame_loss", "PumpStatus", 0.5)), 3, 0), 2.0)
@@ -115,7 +117,7 @@ def test_a_fault_s_randomness_does_not_depend_on_its_neighbours():
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(any_fault(), max_size=8), st.integers(0, 2**32 - 1), st.floats(0.0, 10.0), st.floats(0.0, 10.0))
-def test_any_list_of_faults_keeps_to_the_limits_and_to_the_water(faults, seed, v1, v2):
+def test_any_list_of_faults_keeps_to_the_limits_and_to_the_water(faults, seed: int, v1: float, v2: float) -> None:
     rig = Rig(shipped(), tuple(faults), seed, 0)
     start_cm3 = rig._tanks.contents_cm3
     for step in range(60):
@@ -132,5 +134,5 @@ def test_any_list_of_faults_keeps_to_the_limits_and_to_the_water(faults, seed, v
     assert abs(tanks.pumped_cm3 + tanks.stirred_cm3 - tanks.drained_cm3 - tanks.spilled_cm3 - change_cm3) < 1e-6
 
 
-def test_the_controller_s_scenario_file_knows_the_same_kinds():
+def test_the_controller_s_scenario_file_knows_the_same_kinds() -> None:
     assert set(get_args(FaultKind)) == set(KINDS)

@@ -1,6 +1,7 @@
 """The emulator on an interface that goes down, is unplugged, and comes back: on buses that fail as the kernel's do."""
 
 import errno
+from collections.abc import Iterator
 
 import can
 import pytest
@@ -15,48 +16,48 @@ DOWN, GONE, NO_DEVICE = errno.ENETDOWN, errno.ENODEV, errno.ENXIO
 class Interface:
     """A bus whose next receive and all sends fail with these errors, if any."""
 
-    def __init__(self, receive=None, send=None):
+    def __init__(self, receive=None, send=None) -> None:
         self.receive_error, self.send_error = receive, send
         self.sent, self.is_open = [], True
 
-    def fileno(self):
+    def fileno(self) -> int:
         return 7
 
-    def recv(self, timeout=None):
+    def recv(self, timeout=None) -> None:
         del timeout
         if self.receive_error is not None:
             number, self.receive_error = self.receive_error, None
             raise can.CanOperationError("gone", number)
 
-    def send(self, message, timeout=None):
+    def send(self, message, timeout=None) -> None:
         del timeout
         if self.send_error is not None:
             raise can.CanOperationError("gone", self.send_error)
         self.sent.append(message)
 
-    def shutdown(self):
+    def shutdown(self) -> None:
         self.is_open = False
 
 
 class Bench:
-    def __init__(self):
+    def __init__(self) -> None:
         self.bus, self.next_bus, self.is_back = Interface(), Interface(), False
         self.port = InterfacePort(Rig(shipped(), (), 1, 0), self.bus, lambda: self.is_back, self._open)
 
-    def _open(self):
+    def _open(self) -> Interface:
         if isinstance(self.next_bus, Exception):
             raise self.next_bus
         return self.next_bus
 
 
 @pytest.fixture
-def bench():
+def bench() -> Iterator[Bench]:
     one = Bench()
     yield one
     one.port.close()
 
 
-def test_down_and_up_it_is_the_same_interface(bench):
+def test_down_and_up_it_is_the_same_interface(bench: Bench) -> None:
     bench.bus.receive_error = bench.bus.send_error = DOWN
     bench.port.step(100 * MS)
     assert bench.port.errors["receive"] == 1
@@ -70,7 +71,7 @@ def test_down_and_up_it_is_the_same_interface(bench):
 
 @pytest.mark.parametrize("number", [GONE, NO_DEVICE])
 @pytest.mark.parametrize("first", ["receive_error", "send_error"])
-def test_unplugged_it_waits_for_ever_and_opens_the_next_one_of_that_name(bench, number, first):
+def test_unplugged_it_waits_for_ever_and_opens_the_next_one_of_that_name(bench: Bench, number: int, first: str) -> None:
     setattr(bench.bus, first, number)
     bench.port.step(100 * MS)
     assert not bench.bus.is_open
@@ -85,7 +86,7 @@ def test_unplugged_it_waits_for_ever_and_opens_the_next_one_of_that_name(bench, 
     assert (bench.port.reopened, bench.port.filenos()) == (1, [7])
 
 
-def test_an_interface_that_can_not_be_opened_yet_is_tried_again(bench):
+def test_an_interface_that_can_not_be_opened_yet_is_tried_again(bench: Bench) -> None:
     bench.bus.receive_error = GONE
     bench.port.step(100 * MS)
     bench.is_back, usable = True, bench.next_bus

@@ -6,23 +6,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_sim.frames import ChannelStatus, NodeState
-from firmware_sim.level_node import LevelNode, converter
+from firmware_sim.level_node import LevelNode, Quad, converter
 from tests.firmware_sim.sim_bench import MS, emulator
 
 OK, UNDER, OVER = ChannelStatus.OK, ChannelStatus.UNDER_RANGE, ChannelStatus.OVER_RANGE
 
 
-def level_node(seed=1, **sensors):
+def level_node(seed: int = 1, **sensors: float) -> LevelNode:
     return LevelNode(emulator(sensors=sensors), seed, 0, lambda _change: None)
 
 
-def readings_volt(payloads):
+def readings_volt(payloads: tuple[bytes, bytes]):
     """Four voltages of a pair of level frames."""
     return [int.from_bytes(data[at : at + 2], "little") / 5000 for data in payloads for at in (0, 2)]
 
 
 @given(st.floats(0.0, 10.24), st.sampled_from([12, 16]))
-def test_adc_is_off_by_half_a_step_except_above_its_highest_code(signal_V, bits):
+def test_adc_is_off_by_half_a_step_except_above_its_highest_code(signal_V: float, bits) -> None:
     step_V = 10.24 / 2**bits
     reading_V, status = converter(bits)(signal_V)
     assert status is OK
@@ -51,26 +51,28 @@ def test_adc_is_off_by_half_a_step_except_above_its_highest_code(signal_V, bits)
         (16, 10.3401, 10.23984375, OVER),
     ],
 )
-def test_readings_and_status_at_the_ends_of_the_range(bits, signal_V, reading_V, status):
+def test_readings_and_status_at_the_ends_of_the_range(
+    bits: int, signal_V: float, reading_V: float, status: ChannelStatus
+) -> None:
     assert converter(bits)(signal_V) == (pytest.approx(reading_V), status)
 
 
 @pytest.mark.parametrize(
     ("levels_cm", "nibbles"), [((12, 12, 2, 2), 0x00), ((21, 12, 2, 2), 0x02), ((12, 30, 2, 2), 0x20)]
 )
-def test_status_of_each_channel_is_sent_beside_its_reading(levels_cm, nibbles):
+def test_status_of_each_channel_is_sent_beside_its_reading(levels_cm: Quad, nibbles: int) -> None:
     lower, upper = level_node(noise_V=0.0).levels(levels_cm)
     assert lower[4] == nibbles
     assert upper[4] == 0
 
 
-def test_both_frames_of_a_pair_carry_the_same_counter_and_it_wraps():
+def test_both_frames_of_a_pair_carry_the_same_counter_and_it_wraps() -> None:
     node = level_node()
     counters = [[data[5] for data in node.levels((1, 2, 3, 4))] for _ in range(18)]
     assert counters == [[number % 16] * 2 for number in range(18)]
 
 
-def test_noise_has_the_standard_deviation_of_the_settings_and_no_colour():
+def test_noise_has_the_standard_deviation_of_the_settings_and_no_colour() -> None:
     node = level_node(noise_V=0.02, adc_bits=0)
     samples_V = np.array([readings_volt(node.levels((12.0, 10.0, 8.0, 6.0))) for _ in range(5000)])
     assert samples_V.mean(axis=0) == pytest.approx([6.0, 5.0, 4.0, 3.0], abs=0.001)
@@ -82,12 +84,12 @@ def test_noise_has_the_standard_deviation_of_the_settings_and_no_colour():
     assert np.abs(correlation).max() < 0.06
 
 
-def test_without_noise_and_converter_a_level_arrives_to_a_tenth_of_a_millivolt():
+def test_without_noise_and_converter_a_level_arrives_to_a_tenth_of_a_millivolt() -> None:
     node = level_node(noise_V=0.0, adc_bits=0)
     assert readings_volt(node.levels((12.26, 12.78, 1.63, 1.41))) == pytest.approx([6.13, 6.39, 0.815, 0.705], abs=1e-4)
 
 
-def test_boots_then_runs():
+def test_boots_then_runs() -> None:
     node = level_node()
     node.run_event(200 * MS - 1)
     assert node.state is NodeState.BOOT
@@ -97,14 +99,14 @@ def test_boots_then_runs():
 
 
 @given(st.floats(0.1, 10.1))
-def test_without_a_converter_rounding_to_the_wire_is_carried_on_so_that_the_mean_is_exact(signal_V):
+def test_without_a_converter_rounding_to_the_wire_is_carried_on_so_that_the_mean_is_exact(signal_V: float) -> None:
     convert = converter(0)
     readings = [convert(signal_V)[0] for _ in range(100)]
     assert max(abs(reading - signal_V) for reading in readings) <= 0.0002 + 1e-9
     assert abs(sum(readings) / 100 - signal_V) <= 0.0002 / 100
 
 
-def test_channels_keep_their_remainders_apart():
+def test_channels_keep_their_remainders_apart() -> None:
     node = level_node(noise_V=0.0, adc_bits=0)
     sums = [0.0] * 4
     for _ in range(100):

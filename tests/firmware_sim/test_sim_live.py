@@ -7,8 +7,10 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import pairwise
+from pathlib import Path
 
 import can
 import pytest
@@ -30,14 +32,14 @@ time.sleep(60)
 """
 
 
-def first_line(process, timeout_s=10.0):
+def first_line(process: ForkedProgram | subprocess.Popen[str], timeout_s: float = 10.0):
     readable, _, _ = select.select([process.stdout], [], [], timeout_s)
     assert readable, "no line in time"
     return process.stdout.readline()
 
 
 @contextmanager
-def emulator_process(*arguments):
+def emulator_process(*arguments: str | int):
     process = ForkedProgram(["firmware-sim", *arguments])
     try:
         line = first_line(process)
@@ -49,7 +51,7 @@ def emulator_process(*arguments):
 
 
 @contextmanager
-def host_bus(channel):
+def host_bus(channel) -> Iterator[can.BusABC]:
     bus = can.Bus(channel, "slcan", bitrate=500_000, sleep_after_open=0, ignore_config=True)
     try:
         yield bus
@@ -58,11 +60,11 @@ def host_bus(channel):
 
 
 @pytest.fixture(params=["--slcan 0", "--pty"])
-def transport(request):
+def transport(request: pytest.FixtureRequest):
     return request.param.split()
 
 
-def frames_for(bus, duration_s):
+def frames_for(bus: can.BusABC, duration_s: float):
     frames, end_s = [], time.monotonic() + duration_s
     while time.monotonic() < end_s:
         frame = bus.recv(0.01)
@@ -71,11 +73,11 @@ def frames_for(bus, duration_s):
     return frames
 
 
-def changes_of(record):
+def changes_of(record: Path):
     return [json.loads(line) for line in record.read_text().splitlines()]
 
 
-def wait_for(condition, timeout_s=5.0):
+def wait_for(condition: Callable[[], bool], timeout_s: float = 5.0) -> bool:
     end_s = time.monotonic() + timeout_s
     while not (result := condition()):
         assert time.monotonic() < end_s, "did not happen in time"
@@ -83,7 +85,7 @@ def wait_for(condition, timeout_s=5.0):
     return result
 
 
-def test_levels_arrive_and_a_command_is_echoed(transport):
+def test_levels_arrive_and_a_command_is_echoed(transport: str) -> None:
     with emulator_process(*transport) as (_, channel), host_bus(channel) as bus:
         frames_for(bus, 0.4)
         bus.send(command(3.0, 4.0, counter=11))
@@ -97,7 +99,9 @@ def test_levels_arrive_and_a_command_is_echoed(transport):
         assert contract == load_fingerprint(CONFIG / "bench.dbc")
 
 
-def test_a_host_that_vanishes_leaves_the_pumps_at_zero_volts_within_the_watchdog_time(transport, tmp_path):
+def test_a_host_that_vanishes_leaves_the_pumps_at_zero_volts_within_the_watchdog_time(
+    transport: str, tmp_path: Path
+) -> None:
     record = tmp_path / "changes.jsonl"
     commands = [command(3.0 + counter / 10, 3.0, counter=counter).data.hex() for counter in range(8)]
     with emulator_process(*transport, "--record", record) as (_, channel):
@@ -118,7 +122,7 @@ def test_a_host_that_vanishes_leaves_the_pumps_at_zero_volts_within_the_watchdog
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
-def test_every_orderly_end_puts_out_zero_volts(number, tmp_path):
+def test_every_orderly_end_puts_out_zero_volts(number: signal.Signals, tmp_path: Path) -> None:
     record = tmp_path / "changes.jsonl"
     with emulator_process("--slcan", 0, "--record", record) as (process, channel):
         wait_for(lambda: any(change["state"] == "ready" for change in changes_of(record)))
@@ -133,14 +137,14 @@ def test_every_orderly_end_puts_out_zero_volts(number, tmp_path):
         assert process.stderr.read() == ""
 
 
-def test_tcp_host_may_come_again_after_a_wild_end():
+def test_tcp_host_may_come_again_after_a_wild_end() -> None:
     with emulator_process("--slcan", 0) as (_, channel):
         for _ in range(5):
             with host_bus(channel) as bus:
                 assert frames_for(bus, 0.15)
 
 
-def test_garbage_does_not_stop_the_service(transport):
+def test_garbage_does_not_stop_the_service(transport: str) -> None:
     with emulator_process(*transport) as (process, channel):
         with host_bus(channel) as bus:
             bus.serialPortOrig.write(os.urandom(2000) + b"x" * 3000 + b"\r")

@@ -3,6 +3,8 @@
 import os
 import socket
 import tty
+from collections.abc import Iterator
+from typing import NoReturn
 
 import can
 import pytest
@@ -16,12 +18,12 @@ from tests.firmware_sim.sim_bench import MS, SECOND, command, shipped
 GOOD = b"t2016983A204E1106\r"
 
 
-def bench(changes=None):
+def bench(changes=None) -> Rig:
     return Rig(shipped(), (), 1, 0, changes.append if changes is not None else None)
 
 
 @pytest.fixture
-def virtual_pair(request):
+def virtual_pair(request: pytest.FixtureRequest) -> Iterator[list[can.BusABC]]:
     name = request.node.name
     buses = [can.Bus(name, "virtual", ignore_config=True, preserve_timestamps=True) for _ in range(2)]
     yield buses
@@ -29,14 +31,14 @@ def virtual_pair(request):
         bus.shutdown()
 
 
-def received(bus):
+def received(bus: can.BusABC) -> list[can.Message]:
     frames = []
     while (frame := bus.recv(0)) is not None:
         frames.append(frame)
     return frames
 
 
-def test_lockstep_over_a_virtual_bus_keeps_simulated_time(virtual_pair):
+def test_lockstep_over_a_virtual_bus_keeps_simulated_time(virtual_pair: list[can.BusABC]) -> None:
     mine, rigs = virtual_pair
     port = BusPort(bench(), rigs)
     port.step(300 * MS)
@@ -60,23 +62,23 @@ def test_lockstep_over_a_virtual_bus_keeps_simulated_time(virtual_pair):
 class BrokenBus:
     """A bus whose every call fails in its own way."""
 
-    def __init__(self, error):
+    def __init__(self, error: Exception) -> None:
         self._error = error
 
-    def recv(self, _timeout):
+    def recv(self, _timeout) -> NoReturn:
         raise self._error
 
-    def send(self, _frame, timeout):  # noqa: ARG002 - named by its callers
+    def send(self, _frame, timeout) -> NoReturn:  # noqa: ARG002 - named by its callers
         raise self._error
 
-    def fileno(self):
+    def fileno(self) -> NoReturn:
         raise self._error
 
 
 @pytest.mark.parametrize(
     "error", [can.CanOperationError("down"), OSError(100, "down"), ValueError("x"), IndexError("y")]
 )
-def test_errors_of_a_bus_are_counted_and_survived(error):
+def test_errors_of_a_bus_are_counted_and_survived(error: Exception) -> None:
     port = BusPort(bench(), BrokenBus(error))
     port.step(100 * MS)
     assert port.errors["receive"] == 1
@@ -84,13 +86,13 @@ def test_errors_of_a_bus_are_counted_and_survived(error):
     assert port.filenos() == []
 
 
-def connected(tcp_port):
+def connected(tcp_port: TcpPort) -> socket.socket:
     client = socket.create_connection(tcp_port._listener.getsockname())
     client.setblocking(False)
     return client
 
 
-def text_of(client):
+def text_of(client: socket.socket) -> bytes | None:
     try:
         return client.recv(65_536)
     except BlockingIOError:
@@ -98,19 +100,19 @@ def text_of(client):
 
 
 @pytest.fixture
-def tcp():
+def tcp() -> Iterator[TcpPort]:
     port = TcpPort(bench(), listen(0))
     yield port
     port.close()
 
 
-def turn(port, now_ns):
+def turn(port: TcpPort | PtyPort, now_ns: int) -> None:
     port.read(now_ns)
     port.read(now_ns)
     port.send(port._rig.advance(now_ns))
 
 
-def test_tcp_host_opens_reads_levels_and_commands(tcp):
+def test_tcp_host_opens_reads_levels_and_commands(tcp: TcpPort) -> None:
     with connected(tcp) as client:
         turn(tcp, 100 * MS)
         assert text_of(client) is None
@@ -123,7 +125,7 @@ def test_tcp_host_opens_reads_levels_and_commands(tcp):
         assert tcp._rig.truth().pump_state is NodeState.RUN
 
 
-def test_tcp_takes_one_host_at_a_time_and_a_new_one_after_it_left(tcp):
+def test_tcp_takes_one_host_at_a_time_and_a_new_one_after_it_left(tcp: TcpPort) -> None:
     first = connected(tcp)
     turn(tcp, 10 * MS)
     with connected(tcp) as second:
@@ -141,7 +143,7 @@ def test_tcp_takes_one_host_at_a_time_and_a_new_one_after_it_left(tcp):
         assert text_of(third) == b"V1013\r"
 
 
-def test_a_new_host_finds_a_closed_channel(tcp):
+def test_a_new_host_finds_a_closed_channel(tcp: TcpPort) -> None:
     with connected(tcp) as first:
         first.send(b"O\r")
         turn(tcp, 100 * MS)
@@ -151,7 +153,7 @@ def test_a_new_host_finds_a_closed_channel(tcp):
         assert text_of(second) is None
 
 
-def test_a_host_that_does_not_read_never_blocks_the_rig_and_is_replaced(tcp):
+def test_a_host_that_does_not_read_never_blocks_the_rig_and_is_replaced(tcp: TcpPort) -> None:
     with connected(tcp) as lazy:
         lazy.send(b"O\r")
         for step in range(1, 9000):
@@ -167,12 +169,12 @@ def test_a_host_that_does_not_read_never_blocks_the_rig_and_is_replaced(tcp):
             assert text_of(eager) == b"V1013\r"
 
 
-def test_a_second_service_cannot_take_the_port(tcp):
+def test_a_second_service_cannot_take_the_port(tcp: TcpPort) -> None:
     with pytest.raises(OSError, match="in use"):
         listen(tcp._listener.getsockname()[1])
 
 
-def test_queue_drops_whole_oldest_lines_but_never_a_begun_one():
+def test_queue_drops_whole_oldest_lines_but_never_a_begun_one() -> None:
     queue = LineQueue()
     queue.put(b"begun\r")
     queue.discard(2)
@@ -189,19 +191,19 @@ def test_queue_drops_whole_oldest_lines_but_never_a_begun_one():
 
 
 @pytest.fixture
-def pty_port():
+def pty_port() -> Iterator[PtyPort]:
     port = PtyPort(bench())
     yield port
     port.close()
 
 
-def opened(path):
+def opened(path: str) -> int:
     fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     tty.setraw(fd)
     return fd
 
 
-def test_pty_host_comes_goes_and_comes_again(pty_port):
+def test_pty_host_comes_goes_and_comes_again(pty_port: PtyPort) -> None:
     turn(pty_port, 50 * MS)
     assert pty_port.filenos() == []
     for start in (100, 1000):
@@ -216,7 +218,7 @@ def test_pty_host_comes_goes_and_comes_again(pty_port):
         assert pty_port.filenos() == []
 
 
-def test_pty_host_that_does_not_read_never_blocks_the_rig(pty_port):
+def test_pty_host_that_does_not_read_never_blocks_the_rig(pty_port: PtyPort) -> None:
     fd = opened(pty_port.path)
     os.write(fd, b"O\r")
     for step in range(1, 900):

@@ -16,7 +16,7 @@ T0 = 1000 * MS
 EXACT = emulator(pumps={"dac_bits": 0})
 
 
-def node_in(state, changes=None):
+def node_in(state: NodeState, changes=None) -> PumpNode:
     """A node that has been brought into a state by T0; the last accepted counter (if any) is 0."""
     node = PumpNode(EXACT, 0, (changes if changes is not None else []).append)
     if state is BOOT:
@@ -63,7 +63,7 @@ TABLE = {
 
 @pytest.mark.parametrize("event", EVENTS)
 @pytest.mark.parametrize("state", NodeState)
-def test_every_state_times_every_event(state, event):
+def test_every_state_times_every_event(state: NodeState, event: str) -> None:
     node = node_in(state)
     expected = TABLE.get((state, event), (state, node.applied_V))
     if EVENTS[event] is not None:
@@ -73,7 +73,7 @@ def test_every_state_times_every_event(state, event):
 
 
 @pytest.mark.parametrize("state", NodeState)
-def test_a_rejected_frame_changes_nothing_but_its_count(state):
+def test_a_rejected_frame_changes_nothing_but_its_count(state: NodeState) -> None:
     node = node_in(state)
     before = (node.state, node.applied_V, node.accepted, node.lost, node.next_event_ns)
     for event, cause in [
@@ -87,7 +87,7 @@ def test_a_rejected_frame_changes_nothing_but_its_count(state):
     assert (node.state, node.applied_V, node.accepted, node.lost, node.next_event_ns) == before
 
 
-def test_boots_at_zero_volts_and_takes_no_command_before_it_is_ready():
+def test_boots_at_zero_volts_and_takes_no_command_before_it_is_ready() -> None:
     node = node_in(BOOT)
     assert node.applied_V == OFF
     assert node.next_event_ns == BOOT_NS
@@ -98,7 +98,7 @@ def test_boots_at_zero_volts_and_takes_no_command_before_it_is_ready():
     assert (node.state, node.applied_V) == (READY, OFF)
 
 
-def test_watchdog_fires_exactly_at_its_deadline():
+def test_watchdog_fires_exactly_at_its_deadline() -> None:
     node = node_in(RUN)
     assert node.next_event_ns == T0 + WATCHDOG_NS
     node.run_event(T0 + WATCHDOG_NS - 1)
@@ -107,7 +107,7 @@ def test_watchdog_fires_exactly_at_its_deadline():
     assert (node.state, node.applied_V, node.trip_cause) == (TRIPPED, OFF, TripCause.WATCHDOG)
 
 
-def test_only_an_accepted_command_feeds_the_watchdog():
+def test_only_an_accepted_command_feeds_the_watchdog() -> None:
     node = node_in(RUN)
     node.receive(EVENTS["broken"], T0 + 100 * MS)
     node.receive(command(3.0, 4.0, counter=0), T0 + 100 * MS)
@@ -117,11 +117,11 @@ def test_only_an_accepted_command_feeds_the_watchdog():
 
 
 @pytest.mark.parametrize("state", [READY, TRIPPED])
-def test_watchdog_sleeps_outside_run(state):
+def test_watchdog_sleeps_outside_run(state: NodeState) -> None:
     assert node_in(state).next_event_ns is None
 
 
-def test_a_trip_is_latched_against_everything_but_a_clear():
+def test_a_trip_is_latched_against_everything_but_a_clear() -> None:
     node = node_in(TRIPPED)
     for counter in range(1, 40):
         node.receive(command(5.0, 5.0, clear=counter % 2 == 0, counter=counter % 16), T0 + counter * 100 * MS)
@@ -132,7 +132,7 @@ def test_a_trip_is_latched_against_everything_but_a_clear():
     assert (node.state, node.applied_V) == (RUN, (5.0, 5.0))
 
 
-def test_commands_are_accepted_and_echoed_while_tripped():
+def test_commands_are_accepted_and_echoed_while_tripped() -> None:
     node = node_in(TRIPPED)
     node.receive(command(5.0, 5.0, counter=7), T0)
     status = node.status()
@@ -142,7 +142,7 @@ def test_commands_are_accepted_and_echoed_while_tripped():
 
 
 @pytest.mark.parametrize("step", range(16))
-def test_counter_decides_while_the_link_is_fresh(step):
+def test_counter_decides_while_the_link_is_fresh(step: int) -> None:
     node = node_in(RUN)
     rejection = node.receive(command(1.0, 1.0, counter=step), T0 + WATCHDOG_NS)
     expected = Rejection.DUPLICATE if step == 0 else None if step <= 8 else Rejection.OLD
@@ -152,7 +152,7 @@ def test_counter_decides_while_the_link_is_fresh(step):
 
 
 @pytest.mark.parametrize("counter", range(16))
-def test_any_counter_is_taken_first_and_after_a_silence(counter):
+def test_any_counter_is_taken_first_and_after_a_silence(counter: int) -> None:
     fresh = node_in(READY)
     assert fresh.receive(command(1.0, 1.0, counter=counter), T0) is None
     silent = node_in(RUN)
@@ -161,7 +161,7 @@ def test_any_counter_is_taken_first_and_after_a_silence(counter):
     assert silent.lost == 0
 
 
-def test_changes_are_reported_with_their_causes():
+def test_changes_are_reported_with_their_causes() -> None:
     changes = []
     node = node_in(RUN, changes)
     node.receive(command(3.0, 4.0, counter=1), T0 + MS)
@@ -177,7 +177,7 @@ def test_changes_are_reported_with_their_causes():
 
 
 @pytest.mark.parametrize(("state", "after"), [(BOOT, BOOT), (READY, READY), (RUN, READY), (TRIPPED, TRIPPED)])
-def test_power_off_puts_out_zero_volts_from_every_state(state, after):
+def test_power_off_puts_out_zero_volts_from_every_state(state: NodeState, after: NodeState) -> None:
     changes = []
     node = node_in(state, changes)
     node.power_off(T0)
@@ -185,14 +185,14 @@ def test_power_off_puts_out_zero_volts_from_every_state(state, after):
     assert (changes[-1].cause, changes[-1].applied_V) == ("shutdown", OFF)
 
 
-def test_counters_of_sent_frames_rise_and_wrap():
+def test_counters_of_sent_frames_rise_and_wrap() -> None:
     node = node_in(READY)
     assert [node.status()[5] >> 4 for _ in range(18)] == [*range(16), 0, 1]
     assert [node.heartbeat()[0] >> 4 for _ in range(18)] == [*range(16), 0, 1]
 
 
 @given(st.integers(0, 50_000), st.sampled_from([8, 10, 12, 14, 16]))
-def test_dac_is_off_by_half_a_step_at_most(raw, bits):
+def test_dac_is_off_by_half_a_step_at_most(raw: int, bits) -> None:
     voltage = raw / 5000
     step = 10.0 / (2**bits - 1)
     output = quantised(voltage, bits)
@@ -201,12 +201,12 @@ def test_dac_is_off_by_half_a_step_at_most(raw, bits):
 
 
 @pytest.mark.parametrize("bits", [0, 8, 10, 12, 14, 16])
-def test_dac_reaches_both_ends_exactly(bits):
+def test_dac_reaches_both_ends_exactly(bits: int) -> None:
     assert quantised(0.0, bits) == 0.0
     assert quantised(10.0, bits) == 10.0
 
 
-def test_every_single_bit_error_on_the_wire_leaves_a_running_node_alone():
+def test_every_single_bit_error_on_the_wire_leaves_a_running_node_alone() -> None:
     node = node_in(RUN)
     data = command_bytes(1.0, 2.0, counter=1)
     for bit in range(48):

@@ -3,9 +3,11 @@
 import random
 from collections import Counter
 
+import can
 import pytest
 
 from firmware_sim.faults import PumpEffectiveness
+from firmware_sim.faults.base import Fault
 from firmware_sim.frames import (
     LEVEL_HEARTBEAT_ID,
     LOWER_LEVELS_ID,
@@ -16,15 +18,22 @@ from firmware_sim.frames import (
     Rejection,
 )
 from firmware_sim.rig import Rig
-from firmware_sim.settings import equilibrium_cm, load
+from firmware_sim.settings import EmulatorSettings, equilibrium_cm, load
 from tests.firmware_sim.sim_bench import CONFIG, MS, SECOND, command, emulator, shipped
 
 
-def bench(settings=None, faults=(), seed=1, changes=None):
+def bench(
+    settings: EmulatorSettings | None = None,
+    faults: tuple[Fault | PumpEffectiveness, ...] = (),
+    seed: int = 1,
+    changes=None,
+) -> Rig:
     return Rig(settings or shipped(), faults, seed, 0xDEADBEEF, changes.append if changes is not None else None)
 
 
-def drive(rig, until_ns, period_ns=100 * MS, v=(3.0, 3.0), first_counter=0):
+def drive(
+    rig: Rig, until_ns: int, period_ns: int = 100 * MS, v: tuple[float, float] = (3.0, 3.0), first_counter: int = 0
+) -> list[can.Message]:
     """Command the rig once a period from now on; return all frames."""
     frames, counter = [], first_counter
     while rig.now_ns < until_ns:
@@ -34,11 +43,11 @@ def drive(rig, until_ns, period_ns=100 * MS, v=(3.0, 3.0), first_counter=0):
     return frames
 
 
-def as_bytes(frames):
+def as_bytes(frames: list[can.Message]):
     return [(frame.timestamp, frame.arbitration_id, bytes(frame.data)) for frame in frames]
 
 
-def test_frames_are_due_at_multiples_of_their_periods_in_the_stated_order():
+def test_frames_are_due_at_multiples_of_their_periods_in_the_stated_order() -> None:
     frames = bench().advance(SECOND)
     counts = Counter(frame.arbitration_id for frame in frames)
     assert counts == {
@@ -56,13 +65,13 @@ def test_frames_are_due_at_multiples_of_their_periods_in_the_stated_order():
     assert levels_ms == list(range(200, 1001, 20))
 
 
-def test_a_run_is_the_same_to_the_byte_for_a_seed_and_other_for_another():
+def test_a_run_is_the_same_to_the_byte_for_a_seed_and_other_for_another() -> None:
     runs = [as_bytes(drive(bench(seed=seed), 5 * SECOND)) for seed in (4, 4, 5)]
     assert runs[0] == runs[1]
     assert runs[0] != runs[2]
 
 
-def test_results_do_not_depend_on_how_time_is_cut_nor_on_who_asks_for_the_truth():
+def test_results_do_not_depend_on_how_time_is_cut_nor_on_who_asks_for_the_truth() -> None:
     cutter = random.Random(3)  # noqa: S311 - cuts, not secrets
     whole, cut = bench(seed=2), bench(seed=2)
     expected, frames = [], []
@@ -79,7 +88,7 @@ def test_results_do_not_depend_on_how_time_is_cut_nor_on_who_asks_for_the_truth(
     assert cut.truth() == whole.truth()
 
 
-def test_watchdog_trips_on_time_in_between_everything_else():
+def test_watchdog_trips_on_time_in_between_everything_else() -> None:
     changes = []
     rig = bench(changes=changes)
     rig.advance(300 * MS)
@@ -94,21 +103,21 @@ def test_watchdog_trips_on_time_in_between_everything_else():
     )
 
 
-def test_a_command_at_the_very_deadline_comes_too_late():
+def test_a_command_at_the_very_deadline_comes_too_late() -> None:
     rig = bench()
     rig.receive(command(3.0, 3.0), 300 * MS)
     assert rig.receive(command(3.0, 3.0, counter=1), 550 * MS) is None
     assert rig.truth().pump_state is NodeState.TRIPPED
 
 
-def test_a_command_that_waited_too_long_finds_the_node_tripped():
+def test_a_command_that_waited_too_long_finds_the_node_tripped() -> None:
     rig = bench()
     rig.receive(command(3.0, 3.0), 300 * MS)
     rig.receive(command(3.0, 3.0, counter=1), 900 * MS)
     assert rig.truth().applied_V == (0.0, 0.0)
 
 
-def test_frames_due_before_a_command_are_kept_for_the_next_advance():
+def test_frames_due_before_a_command_are_kept_for_the_next_advance() -> None:
     rig = bench()
     rig.receive(command(3.0, 3.0), 300 * MS)
     frames = rig.advance(300 * MS)
@@ -117,7 +126,7 @@ def test_frames_due_before_a_command_are_kept_for_the_next_advance():
     assert rig.advance(300 * MS) == []
 
 
-def test_boots_at_zero_volts_and_applies_what_it_was_told():
+def test_boots_at_zero_volts_and_applies_what_it_was_told() -> None:
     rig = bench()
     rig.advance(300 * MS)
     assert rig.truth().applied_V == (0.0, 0.0)
@@ -127,7 +136,7 @@ def test_boots_at_zero_volts_and_applies_what_it_was_told():
     assert rig.pump.accepted == 1
 
 
-def test_the_rig_is_held_until_the_pump_node_first_runs():
+def test_the_rig_is_held_until_the_pump_node_first_runs() -> None:
     rig = bench()
     start = rig.truth().levels_cm
     assert start == equilibrium_cm(shipped())
@@ -140,13 +149,13 @@ def test_the_rig_is_held_until_the_pump_node_first_runs():
     assert rig.start_ns == round(30.1 * SECOND)
 
 
-def test_without_hold_the_tanks_drain_from_power_up():
+def test_without_hold_the_tanks_drain_from_power_up() -> None:
     rig = bench(emulator(tanks={"hold_until_run": False}))
     rig.advance(30 * SECOND)
     assert all(now < start for now, start in zip(rig.truth().levels_cm, equilibrium_cm(shipped()), strict=True))
 
 
-def test_a_trip_does_not_hold_the_tanks():
+def test_a_trip_does_not_hold_the_tanks() -> None:
     rig = bench()
     drive(rig, SECOND)
     rig.advance(60 * SECOND)
@@ -155,7 +164,7 @@ def test_a_trip_does_not_hold_the_tanks():
     assert truth.levels_cm[0] < 10.0
 
 
-def test_faults_run_in_scenario_time():
+def test_faults_run_in_scenario_time() -> None:
     fault = PumpEffectiveness(at_s=2.0, kind="pump_effectiveness", target=2, value=0.4)
     rig = bench(faults=(fault,))
     drive(rig, 3 * SECOND)
@@ -170,7 +179,7 @@ def test_faults_run_in_scenario_time():
     assert other.truth().effectiveness == (1.0, 0.4)
 
 
-def test_the_paper_s_scenario_settles_at_the_levels_of_its_smaller_flow():
+def test_the_paper_s_scenario_settles_at_the_levels_of_its_smaller_flow() -> None:
     settings, faults = load(CONFIG / "emulator.toml", CONFIG / "scenarios/paper_ideal.toml")
     rig = bench(settings, faults)
     drive(rig, 199 * SECOND)
@@ -181,14 +190,14 @@ def test_the_paper_s_scenario_settles_at_the_levels_of_its_smaller_flow():
     assert rig.truth().levels_cm == pytest.approx(equilibrium_cm(reduced), abs=1e-3)
 
 
-def test_pumps_at_full_voltage_overflow_and_the_truth_says_so():
+def test_pumps_at_full_voltage_overflow_and_the_truth_says_so() -> None:
     rig = bench()
     drive(rig, 200 * SECOND, v=(10.0, 10.0))
     assert max(rig.truth().levels_cm) == 20.0
     assert rig.truth().spilled_cm3 > 0.0
 
 
-def test_power_off_puts_out_zero_volts_even_with_a_clock_that_went_back():
+def test_power_off_puts_out_zero_volts_even_with_a_clock_that_went_back() -> None:
     changes = []
     rig = bench(changes=changes)
     drive(rig, SECOND)
@@ -198,7 +207,7 @@ def test_power_off_puts_out_zero_volts_even_with_a_clock_that_went_back():
     assert changes[-1].t_ns == SECOND
 
 
-def test_time_never_goes_back():
+def test_time_never_goes_back() -> None:
     rig = bench()
     rig.advance(SECOND)
     with pytest.raises(ValueError, match="before 1000000000 ns"):
@@ -207,7 +216,7 @@ def test_time_never_goes_back():
         rig.receive(command(), 0)
 
 
-def test_next_event_is_exact():
+def test_next_event_is_exact() -> None:
     rig = bench()
     rig.advance(210 * MS)
     assert rig.next_event_ns == 220 * MS
@@ -218,7 +227,7 @@ def test_next_event_is_exact():
     assert rig.truth().pump_state is NodeState.TRIPPED
 
 
-def test_receive_says_why_a_frame_was_refused():
+def test_receive_says_why_a_frame_was_refused() -> None:
     rig = bench()
     rig.advance(300 * MS)
     assert rig.receive(command(10.0002, 0.0), 300 * MS) is Rejection.RANGE

@@ -1,5 +1,6 @@
 """The service on a fake clock: every way out, stalls, a port that stays broken."""
 
+import can
 import pytest
 
 from firmware_sim.rig import Rig
@@ -10,11 +11,11 @@ from tests.firmware_sim.sim_bench import MS, SECOND, command, shipped
 class FakeClock:
     """A monotonic clock that goes on by a step at each look."""
 
-    def __init__(self, step_ns):
+    def __init__(self, step_ns: int) -> None:
         self.now_ns = 10**12
         self._step_ns = step_ns
 
-    def __call__(self):
+    def __call__(self) -> int:
         self.now_ns += self._step_ns
         return self.now_ns
 
@@ -22,34 +23,34 @@ class FakeClock:
 class ScriptedPort:
     """A port that does what a list of functions says, one a turn, and then stops the service."""
 
-    def __init__(self, script):
+    def __init__(self, script) -> None:
         self.script = list(script)
         self.sent, self.is_closed, self.service = [], False, None
 
-    def filenos(self):
+    def filenos(self) -> list[int]:
         return []
 
-    def read(self, now_ns):
+    def read(self, now_ns: int) -> bool:
         if not self.script:
             self.service.stop()
             return True
         return self.script.pop(0)(now_ns)
 
-    def send(self, frames):
+    def send(self, frames: list[can.Message]) -> None:
         self.sent.append(frames)
 
-    def close(self):
+    def close(self) -> None:
         self.is_closed = True
 
 
-def serve(script, changes, step_ns=MS):
+def serve(script, changes, step_ns: int = MS) -> tuple[Rig, ScriptedPort, Service]:
     rig, port = Rig(shipped(), (), 1, 0, changes.append), ScriptedPort(script)
     service = Service(rig, port, FakeClock(step_ns))
     port.service = service
     return rig, port, service
 
 
-def test_stop_puts_out_zero_volts_reports_it_and_closes_the_port():
+def test_stop_puts_out_zero_volts_reports_it_and_closes_the_port() -> None:
     changes = []
     _, port, service = serve([], changes)
     service.serve()
@@ -57,10 +58,10 @@ def test_stop_puts_out_zero_volts_reports_it_and_closes_the_port():
     assert port.is_closed
 
 
-def test_an_exception_puts_out_zero_volts_too():
+def test_an_exception_puts_out_zero_volts_too() -> None:
     changes = []
 
-    def run_then_fail(now_ns):
+    def run_then_fail(now_ns) -> None:
         rig.receive(command(3.0, 3.0), now_ns)
         assert rig.truth().applied_V != (0.0, 0.0)
         raise RuntimeError("broken")
@@ -73,14 +74,14 @@ def test_an_exception_puts_out_zero_volts_too():
     assert port.is_closed
 
 
-def test_after_a_stall_only_fresh_frames_are_sent():
+def test_after_a_stall_only_fresh_frames_are_sent() -> None:
     _, port, service = serve([lambda _now: True], [], step_ns=5 * SECOND)
     service.serve()
     assert service.stale_frames > 100
     assert len(port.sent[0]) < 30
 
 
-def test_a_port_that_stays_broken_ends_the_service():
+def test_a_port_that_stays_broken_ends_the_service() -> None:
     _, port, service = serve([lambda _now: False] * 1000, [], step_ns=20 * MS)
     with pytest.raises(PortLostError, match="5 s"):
         service.serve()

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -77,7 +78,7 @@ KIND = 'kind = "pump_effectiveness"'
 GOOD_FAULT = f"[[fault]]\nat_s = 1.0\ntarget = 1\nvalue = 0.4\n{KIND}"
 
 
-def complaint(file, base, scenario=None):
+def complaint(file: Path, base: Path, scenario: Path | None = None) -> str:
     with pytest.raises(SettingsError) as caught:
         load(base, scenario)
     message = str(caught.value)
@@ -87,7 +88,7 @@ def complaint(file, base, scenario=None):
 
 
 @pytest.mark.parametrize(("old", "new", "expected"), BAD_EMULATOR)
-def test_bad_emulator_file(tmp_path, old, new, expected):
+def test_bad_emulator_file(tmp_path: Path, old: str, new: str, expected: list[str]) -> None:
     file = tmp_path / "emulator.toml"
     assert old in EMULATOR
     file.write_text(EMULATOR.replace(old, new, 1))
@@ -96,21 +97,21 @@ def test_bad_emulator_file(tmp_path, old, new, expected):
 
 
 @pytest.mark.parametrize(("text", "expected"), BAD_SCENARIO)
-def test_bad_scenario_file(tmp_path, text, expected):
+def test_bad_scenario_file(tmp_path: Path, text: str, expected: list[str]) -> None:
     file = tmp_path / "scenario.toml"
     file.write_text(text.replace("GOOD", GOOD_FAULT).replace("KIND", KIND))
     message = complaint(file, CONFIG / "emulator.toml", file)
     assert all(part in message for part in expected), message
 
 
-def test_a_fault_of_the_base_file_is_not_blamed_on_the_scenario(tmp_path):
+def test_a_fault_of_the_base_file_is_not_blamed_on_the_scenario(tmp_path: Path) -> None:
     base, scenario = tmp_path / "emulator.toml", tmp_path / "scenario.toml"
     base.write_text(EMULATOR.replace("height_cm = 20.0", "height_cm = -1.0"))
     scenario.write_text("[emulator]\ntanks.gravity_cm_s2 = 981.0")
     assert "tanks.height_cm = -1.0" in complaint(base, base, scenario)
 
 
-def test_missing_files_are_named(tmp_path):
+def test_missing_files_are_named(tmp_path: Path) -> None:
     nothing = tmp_path / "nothing.toml"
     assert "No such file" in complaint(nothing, nothing)
     assert "No such file" in complaint(nothing, CONFIG / "emulator.toml", nothing)
@@ -118,7 +119,7 @@ def test_missing_files_are_named(tmp_path):
     assert "UTF-8" in complaint(nothing, nothing)
 
 
-def test_scenario_overrides_deeply_and_leaves_the_rest():
+def test_scenario_overrides_deeply_and_leaves_the_rest() -> None:
     plain, none = load(CONFIG / "emulator.toml")
     ideal, faults = load(CONFIG / "emulator.toml", CONFIG / "scenarios/paper_ideal.toml")
     assert none == ()
@@ -129,13 +130,13 @@ def test_scenario_overrides_deeply_and_leaves_the_rest():
     assert equilibrium_cm(ideal) == equilibrium_cm(plain)
 
 
-def test_tables_of_the_controller_are_not_looked_at(tmp_path):
+def test_tables_of_the_controller_are_not_looked_at(tmp_path: Path) -> None:
     scenario = tmp_path / "scenario.toml"
     scenario.write_text("[control]\nnonsense = true\n[rig]\npumps.lag_s = -3.0\n" + GOOD_FAULT)
     assert len(load(CONFIG / "emulator.toml", scenario)[1]) == 1
 
 
-def test_a_byte_order_mark_is_read_as_if_it_were_not_there(tmp_path):
+def test_a_byte_order_mark_is_read_as_if_it_were_not_there(tmp_path: Path) -> None:
     """Editors of Windows put one at the start of a file; TOML then had an invalid statement in line 1, column 1."""
     mark = b"\xef\xbb\xbf"
     scenario = CONFIG / "scenarios/paper_ideal.toml"
@@ -149,22 +150,22 @@ def test_a_byte_order_mark_is_read_as_if_it_were_not_there(tmp_path):
     assert load_fingerprint(marked["bench.dbc"]) != load_fingerprint(CONFIG / "bench.dbc")
 
 
-def test_config_directory_of_a_checkout_is_found():
+def test_config_directory_of_a_checkout_is_found() -> None:
     assert default_config_dir() == CONFIG
 
 
-def run_emulator(*arguments):
+def run_emulator(*arguments: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "firmware_sim", *arguments]
     return subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)
 
 
-def test_help_begins_with_an_example():
+def test_help_begins_with_an_example() -> None:
     done = run_emulator("--help")
     assert done.returncode == 0
     assert "\n\n  Example: firmware-sim --slcan 29536 --scenario paper\n\n" in done.stdout
 
 
-def test_the_fault_kinds_are_listed_with_their_ranges():
+def test_the_fault_kinds_are_listed_with_their_ranges() -> None:
     done = run_emulator("--faults")
     assert done.returncode == 0
     assert done.stdout == as_text()
@@ -189,7 +190,7 @@ COMMAND_LINES = [
 
 
 @pytest.mark.parametrize(("arguments", "expected"), COMMAND_LINES, ids=lambda part: str(part))
-def test_bad_command_line_is_exit_code_2_and_one_line(arguments, expected):
+def test_bad_command_line_is_exit_code_2_and_one_line(arguments: list[str], expected: str) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "firmware_sim", *arguments], capture_output=True, text=True, timeout=20, check=False
     )
@@ -199,7 +200,7 @@ def test_bad_command_line_is_exit_code_2_and_one_line(arguments, expected):
     assert expected in done.stderr
 
 
-def test_bad_settings_are_exit_code_2_and_one_line_and_leave_no_record(tmp_path):
+def test_bad_settings_are_exit_code_2_and_one_line_and_leave_no_record(tmp_path: Path) -> None:
     (tmp_path / "emulator.toml").write_text(EMULATOR.replace("lag_s = 0.2", "lag_s = nan"))
     (tmp_path / "bench.dbc").write_text("")
     record = tmp_path / "changes.jsonl"
@@ -215,7 +216,7 @@ def test_bad_settings_are_exit_code_2_and_one_line_and_leave_no_record(tmp_path)
     assert not record.exists()
 
 
-def test_an_existing_record_is_refused_and_left_alone(tmp_path):
+def test_an_existing_record_is_refused_and_left_alone(tmp_path: Path) -> None:
     record = tmp_path / "changes.jsonl"
     record.write_text("precious")
     done = subprocess.run(

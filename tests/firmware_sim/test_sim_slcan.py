@@ -11,7 +11,7 @@ from tests.firmware_sim.sim_bench import command
 BELL, CR = b"\a", b"\r"
 
 
-def port_in(state):
+def port_in(state: Channel) -> SlcanPort:
     port = SlcanPort()
     if state is not Channel.CLOSED:
         assert port.feed(b"O\r" if state is Channel.OPEN else b"L\r") == (CR, [])
@@ -49,7 +49,9 @@ GOOD = b"t2016983A204E1106"
         (b"R1FFFFFFF0", (BELL, b"Z\r", BELL), (CLOSED, OPEN, LISTEN)),
     ],
 )
-def test_every_command_in_every_state(line, replies, states):
+def test_every_command_in_every_state(
+    line: bytes, replies: tuple[bytes, bytes, bytes], states: tuple[Channel, Channel, Channel]
+) -> None:
     for state, reply, after in zip(Channel, replies, states, strict=True):
         port = port_in(state)
         assert port.feed(line + CR)[0] == reply
@@ -83,7 +85,7 @@ def test_every_command_in_every_state(line, replies, states):
         b"\xff\xfe",
     ],
 )
-def test_garbage_is_refused_and_nothing_reaches_the_bus(line):
+def test_garbage_is_refused_and_nothing_reaches_the_bus(line: bytes) -> None:
     port = port_in(OPEN)
     assert port.feed(line + CR) == (BELL, [])
     reply, frames = port.feed(GOOD + CR)
@@ -91,14 +93,14 @@ def test_garbage_is_refused_and_nothing_reaches_the_bus(line):
     assert len(frames) == 1
 
 
-def test_a_command_frame_arrives_as_it_was_sent():
+def test_a_command_frame_arrives_as_it_was_sent() -> None:
     sent = command(3.0, 4.0, counter=1)
     _, [frame] = port_in(OPEN).feed(GOOD + CR)
     assert frame.equals(sent, timestamp_delta=None, check_direction=False)
 
 
 @pytest.mark.parametrize("cut", range(1, 40))
-def test_lines_may_come_split_and_joined(cut):
+def test_lines_may_come_split_and_joined(cut: int) -> None:
     data = b"S6\rO\r" + GOOD + b"\r\r" + GOOD + b"\rC\r" + GOOD + CR
     port = SlcanPort()
     replies, frames = b"", []
@@ -110,7 +112,7 @@ def test_lines_may_come_split_and_joined(cut):
     assert len(frames) == 2
 
 
-def test_a_line_without_end_is_capped_and_refused_once():
+def test_a_line_without_end_is_capped_and_refused_once() -> None:
     port = port_in(OPEN)
     for _ in range(5000):
         assert port.feed(b"t" * 100) == (b"", [])
@@ -120,13 +122,13 @@ def test_a_line_without_end_is_capped_and_refused_once():
 
 
 @pytest.mark.parametrize(("length", "is_kept"), [(LINE_MAX, True), (LINE_MAX + 1, False)])
-def test_buffer_holds_exactly_its_limit(length, is_kept):
+def test_buffer_holds_exactly_its_limit(length: int, is_kept: bool) -> None:
     port = SlcanPort()
     port.feed(b"x" * length)
     assert (len(port._line) == length) is is_kept
 
 
-def test_frames_reach_the_host_only_while_the_channel_is_open():
+def test_frames_reach_the_host_only_while_the_channel_is_open() -> None:
     frame = command(3.0, 4.0, counter=1)
     assert port_in(CLOSED).frame_line(frame) == b""
     for state in (OPEN, LISTEN):
@@ -136,7 +138,7 @@ def test_frames_reach_the_host_only_while_the_channel_is_open():
         assert port.frame_line(frame) == b""
 
 
-def test_time_stamps_are_four_hex_digits_of_milliseconds_within_a_minute():
+def test_time_stamps_are_four_hex_digits_of_milliseconds_within_a_minute() -> None:
     port = SlcanPort()
     port.feed(b"Z1\rO\r")
     frame = Message(arbitration_id=0x181, is_extended_id=False, data=b"\xab", timestamp=61.234)
@@ -144,7 +146,7 @@ def test_time_stamps_are_four_hex_digits_of_milliseconds_within_a_minute():
 
 
 @given(st.lists(st.binary(max_size=80) | st.sampled_from([b"O\r", b"C\r", b"L\r", GOOD + CR, b"t201", CR])))
-def test_no_bytes_ever_raise_and_the_buffer_stays_bounded(chunks):
+def test_no_bytes_ever_raise_and_the_buffer_stays_bounded(chunks) -> None:
     port = SlcanPort()
     for chunk in chunks:
         reply, frames = port.feed(chunk)
@@ -154,7 +156,7 @@ def test_no_bytes_ever_raise_and_the_buffer_stays_bounded(chunks):
 
 
 @given(st.binary(max_size=60))
-def test_no_reply_looks_like_a_frame(data):
+def test_no_reply_looks_like_a_frame(data: bytes) -> None:
     """python-can takes any line that begins with one of these letters for a frame."""
     reply, _ = port_in(OPEN).feed(data + CR)
     for line in reply.replace(BELL, BELL + CR).split(CR):
@@ -162,7 +164,7 @@ def test_no_reply_looks_like_a_frame(data):
 
 
 @st.composite
-def frames(draw):
+def frames(draw) -> Message:
     is_extended, is_remote = draw(st.booleans()), draw(st.booleans())
     data = b"" if is_remote else draw(st.binary(max_size=8))
     return Message(
@@ -175,7 +177,7 @@ def frames(draw):
 
 
 @given(frames())
-def test_frames_round_trip(frame):
+def test_frames_round_trip(frame: Message) -> None:
     line = port_in(OPEN).frame_line(frame)
     assert line.endswith(CR)
     parsed = parse_frame(line[:-1])
@@ -184,7 +186,7 @@ def test_frames_round_trip(frame):
     assert parse_frame(line[:-1].lower().replace(b"t", line[:1], 1).replace(b"r", line[:1], 1)) is not None
 
 
-def test_error_and_fd_frames_do_not_reach_the_host():
+def test_error_and_fd_frames_do_not_reach_the_host() -> None:
     port = port_in(OPEN)
     assert port.frame_line(Message(is_error_frame=True)) == b""
     assert port.frame_line(Message(is_fd=True)) == b""

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from firmware_sim.settings import equilibrium_cm
+from firmware_sim.settings import EmulatorSettings, equilibrium_cm
 from firmware_sim.tanks import Tanks
 from tests.firmware_sim.sim_bench import emulator
 
@@ -17,11 +17,11 @@ HEALTHY = [1.0, 1.0]
 NO_LAG = emulator(pumps={"lag_s": 0.0})
 
 
-def balance_error_cm3(tanks, start_cm3):
+def balance_error_cm3(tanks: Tanks, start_cm3: float) -> float:
     return tanks.pumped_cm3 - tanks.drained_cm3 - tanks.spilled_cm3 - (tanks.contents_cm3 - start_cm3)
 
 
-def equation_1(configuration, applied_V, effectiveness):
+def equation_1(configuration: EmulatorSettings, applied_V, effectiveness):
     """Right-hand side of eq. (1) with pump lag, written with arrays: levels and flow voltages, (6,)."""
     area, outlet = np.array(configuration.tanks.area_cm2), np.array(configuration.tanks.outlet_cm2)
     gain, split = np.array(configuration.pumps.gain_cm3_Vs), np.array(configuration.pumps.valve_split)
@@ -36,18 +36,18 @@ def equation_1(configuration, applied_V, effectiveness):
     return rates
 
 
-def test_start_levels_are_close_to_those_of_the_paper():
+def test_start_levels_are_close_to_those_of_the_paper() -> None:
     assert equilibrium_cm(emulator()) == pytest.approx((12.4, 12.7, 1.8, 1.4), abs=0.2)
 
 
-def test_equilibrium_stays():
+def test_equilibrium_stays() -> None:
     tanks = Tanks(NO_LAG)
     start = tanks.levels_cm
     tanks.advance(600.0, (3.0, 3.0), HEALTHY)
     assert tanks.levels_cm == pytest.approx(start, abs=1e-9)
 
 
-def test_a_step_with_lag_agrees_with_a_precise_integrator():
+def test_a_step_with_lag_agrees_with_a_precise_integrator() -> None:
     configuration = emulator(pumps={"lag_s": 0.2})
     tanks = Tanks(configuration)
     start = [*tanks.levels_cm, 0.0, 0.0]
@@ -71,7 +71,7 @@ def test_a_step_with_lag_agrees_with_a_precise_integrator():
 
 
 @pytest.mark.parametrize("lag_s", [0.0, 0.001, 0.2, 5.0])
-def test_no_lag_is_too_short_or_too_long(lag_s):
+def test_no_lag_is_too_short_or_too_long(lag_s: float) -> None:
     tanks = Tanks(emulator(pumps={"lag_s": lag_s}))
     tanks.advance(0.4, (3.0, 3.0), HEALTHY)
     expected = 3.0 * (1.0 - math.exp(-0.4 / lag_s)) if lag_s else 3.0
@@ -86,7 +86,7 @@ def test_no_lag_is_too_short_or_too_long(lag_s):
         max_size=12,
     )
 )
-def test_no_water_is_made_or_lost_and_levels_stay_in_the_tanks(pieces):
+def test_no_water_is_made_or_lost_and_levels_stay_in_the_tanks(pieces) -> None:
     tanks = Tanks(emulator())
     start_cm3 = tanks.contents_cm3
     for dt_s, v1, v2, e1, e2 in pieces:
@@ -97,7 +97,7 @@ def test_no_water_is_made_or_lost_and_levels_stay_in_the_tanks(pieces):
     assert abs(balance_error_cm3(tanks, start_cm3)) < 1e-8 * (1.0 + tanks.pumped_cm3)
 
 
-def test_tanks_drain_monotonously_with_the_pumps_off_and_then_stay_empty():
+def test_tanks_drain_monotonously_with_the_pumps_off_and_then_stay_empty() -> None:
     tanks = Tanks(NO_LAG)
     start_cm3 = tanks.contents_cm3
     before = (math.inf,) * 4
@@ -112,7 +112,7 @@ def test_tanks_drain_monotonously_with_the_pumps_off_and_then_stay_empty():
     assert tanks.drained_cm3 == pytest.approx(start_cm3, abs=1e-8)
 
 
-def test_overflow_stops_at_the_rim_and_spills():
+def test_overflow_stops_at_the_rim_and_spills() -> None:
     tanks = Tanks(NO_LAG)
     start_cm3 = tanks.contents_cm3
     tanks.advance(600.0, (10.0, 10.0), HEALTHY)
@@ -126,7 +126,7 @@ def test_overflow_stops_at_the_rim_and_spills():
     assert tanks.drained_cm3 - drained_cm3 == pytest.approx(full_outflow, rel=1e-3)
 
 
-def test_a_spilling_upper_tank_does_not_feed_its_lower_one():
+def test_a_spilling_upper_tank_does_not_feed_its_lower_one() -> None:
     wide_open = emulator(pumps={"lag_s": 0.0, "valve_split": [0.0, 0.0]}, tanks={"start_V": [1.0, 1.0]})
     tanks = Tanks(wide_open)
     start_cm3 = tanks.contents_cm3
@@ -138,7 +138,7 @@ def test_a_spilling_upper_tank_does_not_feed_its_lower_one():
 
 @pytest.mark.parametrize(("tank", "other"), itertools.permutations(range(4), 2))
 @pytest.mark.parametrize("is_full", [False, True])
-def test_a_nearly_empty_tank_keeps_its_water_while_another_one_spills_or_runs_empty(tank, other, is_full):
+def test_a_nearly_empty_tank_keeps_its_water_while_another_one_spills_or_runs_empty(tank, other, is_full) -> None:
     """Up to 1 mm could be counted as drained in one step, which the balance of volumes does not show."""
     tanks = Tanks(NO_LAG)
     levels_cm = [5.0, 5.0, 5.0, 5.0]
@@ -150,13 +150,13 @@ def test_a_nearly_empty_tank_keeps_its_water_while_another_one_spills_or_runs_em
     assert tanks.levels_cm[tank] >= 0.05 - most_cm
 
 
-def test_effectiveness_scales_the_flow_at_once():
+def test_effectiveness_scales_the_flow_at_once() -> None:
     tanks = Tanks(NO_LAG)
     tanks.advance(10.0, (3.0, 3.0), [0.4, 0.0])
     assert tanks.pumped_cm3 == pytest.approx(0.4 * 3.33 * 3.0 * 10.0)
 
 
-def test_a_copy_goes_its_own_way():
+def test_a_copy_goes_its_own_way() -> None:
     tanks = Tanks(NO_LAG)
     tanks.advance(1.0, (5.0, 5.0), HEALTHY)
     twin, levels = tanks.copy(), tanks.levels_cm

@@ -2,6 +2,8 @@
 
 import zlib
 from itertools import combinations
+from pathlib import Path
+from typing import Any
 
 import cantools
 import pytest
@@ -34,7 +36,7 @@ def database():
     return cantools.database.load_file(CONFIG / "bench.dbc", cache_dir=None)
 
 
-def packed(can_id, values):
+def packed(can_id, values) -> bytes:
     """The bytes that the emulator makes of a golden frame's values."""
     if can_id == COMMAND_ID:
         return command_bytes(
@@ -66,19 +68,19 @@ def packed(can_id, values):
     )
 
 
-def decoded(database, can_id, data):
+def decoded(database, can_id: int, data: bytes):
     values = database.decode_message(can_id, data, decode_choices=False)
     assert values.pop("Crc") == frames.crc8(can_id, data[:-1])
     return values
 
 
 @pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: golden["about"])
-def test_golden_values_pack_to_golden_bytes(golden):
+def test_golden_values_pack_to_golden_bytes(golden: dict[str, Any]) -> None:
     assert packed(golden["id"], golden["values"]).hex(" ") == golden["data"]
 
 
 @pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: golden["about"])
-def test_golden_bytes_carry_golden_values_by_the_dbc(database, golden):
+def test_golden_bytes_carry_golden_values_by_the_dbc(database, golden: dict[str, Any]) -> None:
     values = decoded(database, golden["id"], bytes.fromhex(golden["data"]))
     assert values == pytest.approx(golden["values"], abs=1e-9)
 
@@ -86,7 +88,7 @@ def test_golden_bytes_carry_golden_values_by_the_dbc(database, golden):
 @pytest.mark.parametrize(
     "golden", [golden for golden in GOLDEN if golden["id"] == COMMAND_ID], ids=lambda g: g["about"]
 )
-def test_golden_commands_are_parsed(golden):
+def test_golden_commands_are_parsed(golden: dict[str, Any]) -> None:
     values = golden["values"]
     assert parse_command(frame_of(bytes.fromhex(golden["data"]))) == PumpCommand(
         (values["Command1"], values["Command2"]),
@@ -103,7 +105,9 @@ STATES, STATUSES = st.sampled_from(NodeState), st.sampled_from(ChannelStatus)
 
 
 @given(VOLTS, VOLTS, STATES, st.sampled_from(TripCause), NIBBLE, NIBBLE, st.sampled_from([0, 1, 255]))
-def test_status_at_its_limits_matches_the_dbc(database, v1, v2, state, cause, echo, counter, accepted):
+def test_status_at_its_limits_matches_the_dbc(
+    database, v1: float, v2: float, state, cause, echo: int, counter: int, accepted
+) -> None:
     data = frames.pack_status((v1, v2), state, cause, echo, counter, accepted)
     expected = {
         "Applied1": v1,
@@ -119,7 +123,7 @@ def test_status_at_its_limits_matches_the_dbc(database, v1, v2, state, cause, ec
 
 
 @given(st.sampled_from([LOWER_LEVELS_ID, UPPER_LEVELS_ID]), LEVELS, LEVELS, STATUSES, STATUSES, NIBBLE)
-def test_levels_at_their_limits_match_the_dbc(database, can_id, va, vb, sa, sb, counter):
+def test_levels_at_their_limits_match_the_dbc(database, can_id, va: float, vb: float, sa, sb, counter: int) -> None:
     a, b = ("1", "2") if can_id == LOWER_LEVELS_ID else ("3", "4")
     data = frames.pack_levels(can_id, (va, vb), (sa, sb), counter)
     expected = {"Level" + a: va, "Level" + b: vb, "Status" + a: sa, "Status" + b: sb, "Counter": counter}
@@ -134,7 +138,7 @@ def test_levels_at_their_limits_match_the_dbc(database, can_id, va, vb, sa, sb, 
     st.sampled_from([0, 1, 65_535]),
     st.sampled_from([0, 1, 2**32 - 1]),
 )
-def test_heartbeats_at_their_limits_match_the_dbc(database, can_id, state, counter, boots, contract):
+def test_heartbeats_at_their_limits_match_the_dbc(database, can_id, state, counter: int, boots, contract) -> None:
     data = frames.pack_heartbeat(can_id, state, counter, boots, contract)
     expected = {"State": state, "Counter": counter, "BootCount": boots, "Contract": contract}
     assert decoded(database, can_id, data) == expected
@@ -142,7 +146,9 @@ def test_heartbeats_at_their_limits_match_the_dbc(database, can_id, state, count
 
 
 @given(VOLTS, VOLTS, st.booleans(), st.booleans(), NIBBLE)
-def test_commands_encoded_by_the_dbc_are_parsed(database, v1, v2, enable, clear, counter):
+def test_commands_encoded_by_the_dbc_are_parsed(
+    database, v1: float, v2: float, enable: bool, clear: bool, counter: int
+) -> None:
     values = {"Command1": v1, "Command2": v2, "Enable": enable, "ClearTrip": clear, "Counter": counter}
     data = database.encode_message(COMMAND_ID, values | {"Crc": 0})
     data = frames.sealed(COMMAND_ID, data[:-1])
@@ -150,7 +156,7 @@ def test_commands_encoded_by_the_dbc_are_parsed(database, v1, v2, enable, clear,
     assert parsed == PumpCommand((pytest.approx(v1), pytest.approx(v2)), enable, clear, counter)
 
 
-def test_ids_data_ids_and_lengths_are_those_of_the_dbc(database):
+def test_ids_data_ids_and_lengths_are_those_of_the_dbc(database) -> None:
     in_dbc = {message.frame_id: message for message in database.messages}
     assert in_dbc.keys() == frames.DATA_IDS.keys()
     for can_id, message in in_dbc.items():
@@ -159,14 +165,14 @@ def test_ids_data_ids_and_lengths_are_those_of_the_dbc(database):
     assert in_dbc[COMMAND_ID].length == frames.COMMAND_LENGTH
 
 
-def test_crc_check_value_of_the_polynomial():
+def test_crc_check_value_of_the_polynomial() -> None:
     """The check value of CRC-8/AUTOSAR over the digits 1 to 9 is 0xDF."""
     assert frames._crc_over(0xFF, b"123456789") ^ 0xFF == 0xDF
 
 
 @pytest.mark.parametrize("flips", [1, 2])
 @pytest.mark.parametrize("data", [command_bytes(3.0, 4.0, counter=1), command_bytes(enable=False, clear=True)])
-def test_every_flip_of_one_or_two_bits_is_rejected(data, flips):
+def test_every_flip_of_one_or_two_bits_is_rejected(data: bytes, flips: int) -> None:
     whole = int.from_bytes(data, "little")
     for bits in combinations(range(8 * len(data)), flips):
         broken = whole
@@ -196,11 +202,11 @@ GOOD = command_bytes(3.0, 4.0)
         (frame_of(command_bytes(0.0, 13.107)), Rejection.RANGE),
     ],
 )
-def test_what_is_not_a_good_command_is_rejected(frame, cause):
+def test_what_is_not_a_good_command_is_rejected(frame: Message, cause: frames.Rejection) -> None:
     assert parse_command(frame) is cause
 
 
-def test_spare_bits_are_ignored():
+def test_spare_bits_are_ignored() -> None:
     payload = bytearray(GOOD[:5])
     payload[4] |= 0b1100
     assert parse_command(frame_of(frames.sealed(COMMAND_ID, bytes(payload)))) == parse_command(frame_of(GOOD))
@@ -208,12 +214,12 @@ def test_spare_bits_are_ignored():
 
 @pytest.mark.parametrize("last", range(16))
 @pytest.mark.parametrize("step", range(16))
-def test_counter_rule(last, step):
+def test_counter_rule(last: int, step: int) -> None:
     expected = Rejection.DUPLICATE if step == 0 else step - 1 if step <= 8 else Rejection.OLD
     assert counter_verdict((last + step) % 16, last) == expected
 
 
-def test_fingerprint_ignores_trailing_white_space_and_line_ends(tmp_path):
+def test_fingerprint_ignores_trailing_white_space_and_line_ends(tmp_path: Path) -> None:
     text = (CONFIG / "bench.dbc").read_text()
     expected = zlib.crc32("\n".join(line.rstrip() for line in text.splitlines()).encode())
     assert load_fingerprint(CONFIG / "bench.dbc") == expected
@@ -224,7 +230,7 @@ def test_fingerprint_ignores_trailing_white_space_and_line_ends(tmp_path):
     assert load_fingerprint(other) != expected
 
 
-def test_the_emulator_does_not_import_the_controller_or_cantools():
+def test_the_emulator_does_not_import_the_controller_or_cantools() -> None:
     """The modules in firmware_sim/faults used to be left out."""
     modules = list((CONFIG.parent / "firmware_sim").rglob("*.py"))
     assert {module.parent.name for module in modules} == {"firmware_sim", "faults"}

@@ -33,7 +33,7 @@ class Plant:
     def __init__(self, seed: int, spread: float = 0.03, noise_V: float = 0.005, lag_s: float = 0.2) -> None:
         self.random = np.random.default_rng(seed)
 
-        def drawn(values):
+        def drawn(values: tuple[float, ...]):
             return np.array(values) * (1.0 + spread * self.random.uniform(-1.0, 1.0, len(values)))
 
         self.outlet = drawn(MODEL.outlet_cm2)

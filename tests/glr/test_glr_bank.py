@@ -15,7 +15,7 @@ def a_memory(seconds: float = 60.0) -> tuple[Memory, Plant]:
 
 
 @pytest.mark.parametrize("j", range(H), ids=[f"{jump.rises or jump.falls}-{jump.target}" for jump in JUMPS])
-def test_a_signature_is_what_the_jump_leaves_in_the_innovations(j):
+def test_a_signature_is_what_the_jump_leaves_in_the_innovations(j: int) -> None:
     """The same readings through two filters, one told of the jump: their innovations differ by the signature."""
     memory, plant = a_memory()
     setup = DETECTOR._setup
@@ -44,7 +44,7 @@ def test_a_signature_is_what_the_jump_leaves_in_the_innovations(j):
     assert b.energy[j, slot] == pytest.approx(energy, rel=0.04)
 
 
-def test_the_ratio_is_the_best_over_sizes():
+def test_the_ratio_is_the_best_over_sizes() -> None:
     memory, _ = a_memory(30.0)
     b = memory.bank
     taken = np.flatnonzero(b.onset >= 0)
@@ -58,7 +58,7 @@ def test_the_ratio_is_the_best_over_sizes():
     assert ratio[H] <= expected[0] + expected[1] + 1e-9 or b.cross[slot[H]] != 0.0
 
 
-def test_onsets_thin_out_with_age_and_never_exceed_the_slots():
+def test_onsets_thin_out_with_age_and_never_exceed_the_slots() -> None:
     b = bank.Bank.empty()
     for now in range(2000):
         bank.open_slot(now, bank.STATES, b.onset, b.effect, b.energy, b.match, b.cross)
@@ -70,7 +70,7 @@ def test_onsets_thin_out_with_age_and_never_exceed_the_slots():
     assert all(gap <= max(1, age / bank.PER_OCTAVE) for gap, age in zip(gaps, kept[1:], strict=True))
 
 
-def test_no_slot_that_is_still_wanted_is_taken():
+def test_no_slot_that_is_still_wanted_is_taken() -> None:
     b = bank.Bank.empty()
     for now in range(1500):
         wanted = {int(onset) for onset in b.onset if onset >= 0 and bank.is_kept(onset, now)}

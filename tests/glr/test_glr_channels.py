@@ -1,6 +1,7 @@
 """What single readings show: sensors of any noise against their converter's steps."""
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from hil.core.diagnosis.glr.sensor_statistics import LONGEST_RUN, Channel
@@ -31,7 +32,7 @@ class Sensor:
         return Measurement((mean,) * 4, (True,) * 4, 0.0, READINGS, (variance,) * 4, (jitter,) * 4, (self.repeats,) * 4)
 
 
-def watch(sensor: Sensor, channel: Channel, levels_V) -> list[int]:
+def watch(sensor: Sensor, channel: Channel, levels_V: npt.NDArray[np.float64]) -> list[int]:
     """The periods in which the channel calls the sensor stuck."""
     stuck = []
     for number, level_V in enumerate(levels_V):
@@ -49,12 +50,12 @@ def wandering(periods: int) -> np.ndarray:
 
 @pytest.mark.parametrize("noise_V", [0.002, 0.005, 0.0075, 0.05])
 @pytest.mark.parametrize("seed", [1, 2])
-def test_a_sound_sensor_is_never_called_stuck(noise_V, seed):
+def test_a_sound_sensor_is_never_called_stuck(noise_V: float, seed: int) -> None:
     assert watch(Sensor(noise_V, seed), Channel(FILE_NOISE_V**2), wandering(20_000)) == []
 
 
 @pytest.mark.parametrize(("noise_V", "within"), [(0.002, 14), (0.005, 4), (0.0075, 4), (0.05, 4)])
-def test_a_stuck_one_is_found_within_some_periods(noise_V, within):
+def test_a_stuck_one_is_found_within_some_periods(noise_V: float, within: int) -> None:
     sensor, channel = Sensor(noise_V, 3), Channel(FILE_NOISE_V**2)
     assert watch(sensor, channel, wandering(1000)) == []
     sensor.stuck_V = sensor.last
@@ -64,7 +65,7 @@ def test_a_stuck_one_is_found_within_some_periods(noise_V, within):
     assert found == list(range(found[0], within)), "once found it stays"
 
 
-def test_before_a_sensor_is_called_stuck_it_is_doubtful():
+def test_before_a_sensor_is_called_stuck_it_is_doubtful() -> None:
     sensor, channel = Sensor(0.005, 4), Channel(FILE_NOISE_V**2)
     watch(sensor, channel, wandering(500))
     sensor.stuck_V = sensor.last
@@ -78,14 +79,14 @@ def test_before_a_sensor_is_called_stuck_it_is_doubtful():
     assert doubtful.index(True) < stuck.index(True)
 
 
-def test_a_sensor_without_noise_is_not_judged():
+def test_a_sensor_without_noise_is_not_judged() -> None:
     sensor, channel = Sensor(0.0, 5), Channel(FILE_NOISE_V**2)
     watch(sensor, channel, np.linspace(5.0, 5.2, 400))
     stuck = watch(sensor, channel, np.full(LONGEST_RUN, 5.2))
     assert stuck == []
 
 
-def test_a_run_as_long_as_one_before_it_is_no_news():
+def test_a_run_as_long_as_one_before_it_is_no_news() -> None:
     """A quiet signal repeats itself for as long as it lies in the middle of a code, however rarely it did before."""
     sensor, channel = Sensor(0.005, 6), Channel(FILE_NOISE_V**2)
     watch(sensor, channel, wandering(300))
@@ -96,7 +97,7 @@ def test_a_run_as_long_as_one_before_it_is_no_news():
 
 
 @pytest.mark.parametrize("noise_V", [0.1, 0.2])
-def test_a_sensor_known_for_its_noise_is_not_nonsense(noise_V):
+def test_a_sensor_known_for_its_noise_is_not_nonsense(noise_V: float) -> None:
     sensor, channel = Sensor(noise_V, 7), Channel(FILE_NOISE_V**2)
     for _ in range(20):
         channel.learn(sensor.period(5.0), 0, is_used=True)

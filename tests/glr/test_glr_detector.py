@@ -1,4 +1,5 @@
 import math
+from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
@@ -8,31 +9,31 @@ from hypothesis import strategies as st
 
 from hil.core.diagnosis.glr.glr_detector import GlrDetector
 from hil.core.diagnosis.glr.tuning import Tuning
-from hil.core.types import UNRESOLVED, Measurement
-from tests.glr.glr_bench import DETECTOR, MODEL, PERIOD_S, Plant, play, put
+from hil.core.types import UNRESOLVED, Measurement, Pair
+from tests.glr.glr_bench import DETECTOR, MODEL, PERIOD_S, Plant, Story, play, put
 
 FAULT_S = 40.0
 SOUND = ((5.0, 0.3),)
 
 
-def lose(first: float, second: float):
+def lose(first: float, second: float) -> Callable[[Plant], None]:
     def begin(plant: Plant) -> None:
         plant.effectiveness[:] = (first, second)
 
     return begin
 
 
-def named(story) -> list[tuple[str, int]]:
+def named(story: Story) -> list[tuple[str, int]]:
     return [(alarm.kind, alarm.target) for alarm in story.settled()]
 
 
 @pytest.mark.parametrize("seed", [31, 32])
-def test_a_sound_rig_raises_no_alarm(seed):
+def test_a_sound_rig_raises_no_alarm(seed: int) -> None:
     assert play(seed, 200.0, steps=((20.0, 0.3), (90.0, -0.5), (150.0, 0.4))).alarms == []
 
 
 @pytest.mark.parametrize("kwargs", [{"noise_V": 0.0075}, {"lag_s": 0.3}, {"lag_s": 0.1}, {"spread": 0.05}])
-def test_nor_does_one_that_is_not_quite_what_the_file_says(kwargs):
+def test_nor_does_one_that_is_not_quite_what_the_file_says(kwargs: dict[str, float]) -> None:
     assert play(0, 150.0, steps=((20.0, 0.3), (90.0, -0.5)), plant=Plant(33, **kwargs)).alarms == []
 
 
@@ -40,7 +41,7 @@ def test_nor_does_one_that_is_not_quite_what_the_file_says(kwargs):
     ("left", "isolated_within_s"),
     [((0.4, 1.0), 1.0), ((1.0, 0.4), 1.0), ((0.8, 1.0), 1.6), ((1.0, 0.9), 2.2), ((0.4, 0.4), 0.6), ((0.0, 1.0), 1.0)],
 )
-def test_pumps_that_lose_gain(left, isolated_within_s):
+def test_pumps_that_lose_gain(left: Pair, isolated_within_s: float) -> None:
     story = play(34, FAULT_S + 8.0, ((FAULT_S, lose(*left)),))
     assert named(story) == [("pump_effectiveness", pump + 1) for pump in (0, 1) if left[pump] < 1.0]
     assert all(alarm.isolated_s - FAULT_S < isolated_within_s for alarm in story.settled())
@@ -51,7 +52,7 @@ def test_pumps_that_lose_gain(left, isolated_within_s):
 
 @pytest.mark.parametrize("sensor", range(4))
 @pytest.mark.parametrize("bias_V", [0.1, -0.5])
-def test_a_sensor_that_jumps(sensor, bias_V):
+def test_a_sensor_that_jumps(sensor: int, bias_V: float) -> None:
     story = play(35, FAULT_S + 5.0, ((FAULT_S, put("bias", sensor, bias_V)),))
     assert named(story) == [("sensor_bias", sensor + 1)]
     assert story.settled()[0].isolated_s - FAULT_S < 0.35
@@ -61,13 +62,13 @@ def test_a_sensor_that_jumps(sensor, bias_V):
 
 
 @pytest.mark.parametrize("sensor", [2, 3])
-def test_an_upper_sensor_that_drifts(sensor):
+def test_an_upper_sensor_that_drifts(sensor: int) -> None:
     story = play(36, FAULT_S + 5.0, ((FAULT_S, put("drift", sensor, 0.005)),))
     assert named(story) == [("sensor_drift", sensor + 1)]
     assert story.settled()[0].isolated_s - FAULT_S < 3.5
 
 
-def test_a_lower_sensor_that_drifts_is_ambiguous_at_first_and_settled_in_the_end():
+def test_a_lower_sensor_that_drifts_is_ambiguous_at_first_and_settled_in_the_end() -> None:
     story = play(37, FAULT_S + 25.0, ((FAULT_S, put("drift", 0, 0.01)),))
     first = story.alarms[0]
     assert first.kind == UNRESOLVED
@@ -83,7 +84,9 @@ HASTY = GlrDetector(MODEL, 0.2, 0.005, Tuning(margin=0.0))
 
 
 @pytest.mark.parametrize(("seed", "tank", "share"), [(60, 0, 0.2), (66, 0, 0.2), (63, 1, 0.3), (66, 1, 0.3)])
-def test_a_blockage_that_was_called_a_drift_is_found_out_and_the_sensor_used_again(seed, tank, share):
+def test_a_blockage_that_was_called_a_drift_is_found_out_and_the_sensor_used_again(
+    seed: int, tank: int, share: float
+) -> None:
     story = play(seed, FAULT_S + 20.0, ((FAULT_S, put("block", tank, share)),), detector=HASTY)
     assert named(story) == [("sensor_drift", tank + 1), ("outlet_block", tank + 1)]
     drift, block = story.settled()
@@ -95,14 +98,14 @@ def test_a_blockage_that_was_called_a_drift_is_found_out_and_the_sensor_used_aga
 
 
 @pytest.mark.parametrize("seed", [60, 61, 63])
-def test_a_drift_that_is_one_stays_one(seed):
+def test_a_drift_that_is_one_stays_one(seed: int) -> None:
     story = play(seed, FAULT_S + 45.0, ((FAULT_S, put("drift", 0, 0.04)),), detector=HASTY)
     assert named(story) == [("sensor_drift", 1)]
     assert story.last.diagnosis.trusted[0] is False
 
 
 @pytest.mark.parametrize("sensor", range(4))
-def test_a_stuck_sensor_is_replaced_by_the_model_and_comes_back(sensor):
+def test_a_stuck_sensor_is_replaced_by_the_model_and_comes_back(sensor: int) -> None:
     """The reference moves while the sensor is stuck: what the loop believes has to move with the water."""
     plant = Plant(38)
     faults = ((FAULT_S, lambda p: p.stick(sensor)), (FAULT_S + 20.0, lambda p: p.stuck_V.clear()))
@@ -115,14 +118,14 @@ def test_a_stuck_sensor_is_replaced_by_the_model_and_comes_back(sensor):
     assert story.last.diagnosis.trusted == (True, True, True, True)
 
 
-def test_an_open_sensor_is_lost_after_three_readings():
+def test_an_open_sensor_is_lost_after_three_readings() -> None:
     story = play(39, FAULT_S + 2.0, ((FAULT_S, lambda p: p.open.add(1)),))
     assert named(story) == [("sensor_open", 2)]
     assert story.settled()[0].isolated_s == pytest.approx(FAULT_S + PERIOD_S)
 
 
-def test_a_noisy_sensor_is_told_from_a_faulty_one():
-    def noisy(plant):
+def test_a_noisy_sensor_is_told_from_a_faulty_one() -> None:
+    def noisy(plant) -> None:
         plant.noise_V[1] = 0.1
 
     story = play(40, FAULT_S + 15.0, ((FAULT_S, noisy),))
@@ -132,7 +135,7 @@ def test_a_noisy_sensor_is_told_from_a_faulty_one():
 
 @pytest.mark.parametrize("tank", range(4))
 @pytest.mark.parametrize(("fault", "share", "kind"), [("leak", 0.5, "leak"), ("block", 0.5, "outlet_block")])
-def test_leaks_and_blockages(tank, fault, share, kind):
+def test_leaks_and_blockages(tank: int, fault: str, share: float, kind: str) -> None:
     story = play(41, FAULT_S + 21.0, ((FAULT_S, put(fault, tank, share)),))
     assert named(story) == [(kind, tank + 1)]
     assert story.alarms[0].detected_s - FAULT_S < 1.2
@@ -140,15 +143,15 @@ def test_leaks_and_blockages(tank, fault, share, kind):
     assert story.settled()[0].size == pytest.approx(share, abs=0.12)
 
 
-def test_a_valve_that_moves():
-    def turn(plant):
+def test_a_valve_that_moves() -> None:
+    def turn(plant) -> None:
         plant.split[0] *= 0.9
 
     story = play(42, FAULT_S + 5.0, ((FAULT_S, turn),))
     assert named(story) == [("valve_split", 1)]
 
 
-def test_a_pump_that_comes_back():
+def test_a_pump_that_comes_back() -> None:
     story = play(43, FAULT_S + 30.0, ((FAULT_S, lose(0.4, 1.0)), (FAULT_S + 15.0, lose(1.0, 1.0))))
     loss, back = story.settled()
     assert (loss.is_recovery, back.is_recovery) == (False, True)
@@ -156,7 +159,7 @@ def test_a_pump_that_comes_back():
     assert story.last.diagnosis.effectiveness == (1.0, 1.0)
 
 
-def test_a_dead_pump_stands_by_the_other_does_what_it_can_and_all_is_well_when_it_comes_back():
+def test_a_dead_pump_stands_by_the_other_does_what_it_can_and_all_is_well_when_it_comes_back() -> None:
     """No feedback through a pump that doesn't move water, no windup, nothing latched at the end."""
     story = play(50, 280.0, ((FAULT_S, lose(0.0, 1.0)), (170.0, lose(1.0, 1.0))))
     dead, late = story.commands_V[1000:1700], story.true_V[1690]
@@ -169,7 +172,7 @@ def test_a_dead_pump_stands_by_the_other_does_what_it_can_and_all_is_well_when_i
 
 
 @pytest.mark.parametrize("left", [(0.25, 1.0), (1.0, 0.2)])
-def test_a_pump_at_its_limit_does_not_latch(left):
+def test_a_pump_at_its_limit_does_not_latch(left: Pair) -> None:
     story = play(51, 330.0, ((FAULT_S, lose(*left)), (200.0, lose(1.0, 1.0))))
     weak = left.index(min(left))
     held = [command[weak] for command in story.commands_V[1500:2000]]
@@ -178,7 +181,7 @@ def test_a_pump_at_its_limit_does_not_latch(left):
     assert story.true_V[-1][:2] == pytest.approx(story.last.reference_V, abs=0.05)
 
 
-def test_one_fault_after_the_other():
+def test_one_fault_after_the_other() -> None:
     faults = (
         (FAULT_S, lose(0.6, 1.0)),
         (FAULT_S + 10.0, put("bias", 2, 0.2)),
@@ -191,7 +194,7 @@ def test_one_fault_after_the_other():
 
 
 @pytest.mark.parametrize(("seed", "after_s"), [(51, 2.0), (54, 5.5), (53, 5.5), (55, 6.0)])
-def test_a_second_fault_before_the_first_is_settled(seed, after_s):
+def test_a_second_fault_before_the_first_is_settled(seed: int, after_s: float) -> None:
     """The readings fit no single fault any more: the first is settled as it stood, the second is found from there."""
     faults = ((FAULT_S, put("drift", 1, -0.087)), (FAULT_S + after_s, lose(0.12, 1.0)))
     story = play(seed, FAULT_S + after_s + 8.0, faults)
@@ -203,15 +206,15 @@ def test_a_second_fault_before_the_first_is_settled(seed, after_s):
 
 
 @pytest.mark.parametrize("stuck_V", [1.5, 4.5, 10.0])
-def test_a_pump_that_does_not_follow_its_voltage(stuck_V):
-    def freeze(plant):
+def test_a_pump_that_does_not_follow_its_voltage(stuck_V: float) -> None:
+    def freeze(plant) -> None:
         plant.frozen_V[0] = stuck_V
 
     story = play(45, FAULT_S + 15.0, ((FAULT_S, freeze),), (*SOUND, (FAULT_S + 6.0, 0.3)))
     assert any(state.diagnosis.stuck_on == (True, False) for state in story.states)
 
 
-def test_flapping_at_the_threshold_changes_the_gains_once_in_ten_seconds():
+def test_flapping_at_the_threshold_changes_the_gains_once_in_ten_seconds() -> None:
     faults = tuple((FAULT_S + 3.0 * n, lose(0.96 if n % 2 == 0 else 1.0, 1.0)) for n in range(10))
     story = play(46, FAULT_S + 30.0, faults)
     changes = [
@@ -223,7 +226,7 @@ def test_flapping_at_the_threshold_changes_the_gains_once_in_ten_seconds():
     assert all(later - earlier >= 10.0 - 1e-6 for earlier, later in pairwise(changes))
 
 
-def test_the_papers_fault_without_its_assumption():
+def test_the_papers_fault_without_its_assumption() -> None:
     """Both pumps -60 %: a third of what the paper's loop loses with a perfect detector and 1 s delay."""
     both = play(47, 250.0, ((100.0, lose(0.4, 0.4)),), steps=()).iae(100.0, 250.0)
     one = play(47, 250.0, ((100.0, lose(0.4, 1.0)),), steps=()).iae(100.0, 250.0)
@@ -235,7 +238,7 @@ def test_the_papers_fault_without_its_assumption():
 
 @given(st.lists(st.tuples(*[st.floats(allow_nan=True, allow_infinity=True)] * 4, st.booleans()), max_size=12))
 @settings(max_examples=40, deadline=None, phases=[Phase.explicit, Phase.reuse, Phase.generate])
-def test_whatever_is_read_the_verdict_is_finite_and_in_range(rows):
+def test_whatever_is_read_the_verdict_is_finite_and_in_range(rows) -> None:
     plant, memory = Plant(48), None
     detector = DETECTOR
     for number in range(15):
@@ -247,7 +250,7 @@ def test_whatever_is_read_the_verdict_is_finite_and_in_range(rows):
         assert all(math.isfinite(level) for level in verdict.level_V) or verdict.is_diverged
 
 
-def test_readings_that_nothing_explains_diverge():
+def test_readings_that_nothing_explains_diverge() -> None:
     plant, memory, verdict = Plant(49), None, None
     random = np.random.default_rng(49)
     for number in range(600):

@@ -10,7 +10,7 @@ from tests.glr.glr_bench import DETECTOR, MODEL, PERIOD_S, Plant
 C = process.constants(MODEL, 0.2)
 
 
-def a_state(random) -> np.ndarray:
+def a_state(random: np.random.Generator) -> np.ndarray:
     x = np.zeros(N)
     x[0:4] = random.uniform(0.5, 18.0, 4)
     x[PUMP:GAIN] = random.uniform(0.0, 9.0, 2)
@@ -23,7 +23,7 @@ def a_state(random) -> np.ndarray:
 
 @given(st.integers(0, 10_000))
 @settings(max_examples=40, deadline=None)
-def test_the_transition_matrix_is_the_derivative_of_the_prediction(seed):
+def test_the_transition_matrix_is_the_derivative_of_the_prediction(seed: int) -> None:
     random = np.random.default_rng(seed)
     x, volts = a_state(random), random.uniform(0.0, 9.0, 2)
     A = np.zeros((MOVING, N))
@@ -40,7 +40,7 @@ def test_the_transition_matrix_is_the_derivative_of_the_prediction(seed):
         assert (ends[0] - ends[1]) / (2.0 * step) == pytest.approx(A[:, j], abs=2e-3)
 
 
-def test_the_prediction_is_eq_1():
+def test_the_prediction_is_eq_1() -> None:
     from scipy.integrate import solve_ivp
 
     x, volts = a_state(np.random.default_rng(3)), np.array([4.0, 2.0])
@@ -63,7 +63,7 @@ def test_the_prediction_is_eq_1():
 
 
 @pytest.mark.parametrize("seed", [11, 12, 13])
-def test_innovations_are_white_and_as_large_as_the_filter_says(seed):
+def test_innovations_are_white_and_as_large_as_the_filter_says(seed: int) -> None:
     plant, squares, products = Plant(seed), [], []
     memory, last = None, np.zeros(4)
     for number in range(3000):
@@ -78,7 +78,7 @@ def test_innovations_are_white_and_as_large_as_the_filter_says(seed):
     assert np.mean(products, axis=0) == pytest.approx(np.zeros(4), abs=0.08)
 
 
-def test_parameters_of_the_rig_are_learned():
+def test_parameters_of_the_rig_are_learned() -> None:
     plant, memory = Plant(5), None
     for number in range(4000):
         volts = (3.0 + 0.8 * np.sin(number / 150.0), 3.0 + 0.8 * np.cos(number / 200.0))
@@ -88,7 +88,7 @@ def test_parameters_of_the_rig_are_learned():
     assert memory.x[OUTLET:LEAK] == pytest.approx(plant.outlet / np.array(MODEL.outlet_cm2), abs=0.012)
 
 
-def test_the_covariance_stays_symmetric_and_positive():
+def test_the_covariance_stays_symmetric_and_positive() -> None:
     plant, memory = Plant(6), None
     for number in range(2000):
         memory, _ = DETECTOR.step(memory, number * PERIOD_S, plant.period((3.0, 3.0)), None, (3.0, 3.0))

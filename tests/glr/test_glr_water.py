@@ -3,12 +3,13 @@ import math
 import pytest
 
 from hil.core.diagnosis.glr import inflow_check
+from hil.core.types import Pair
 from tests.glr.glr_bench import DETECTOR, PERIOD_S, Plant
 
 SETUP = DETECTOR._setup
 
 
-def watched(seed, pump_V, effectiveness, steps=14, before=30):
+def watched(seed: int, pump_V: Pair, effectiveness: list[float] | Pair, steps: int = 14, before: int = 30):
     """A rig that runs sound for some periods at 3 V, then for some more as given; the detector's memory."""
     plant, memory = Plant(seed), None
     for number in range(before + steps):
@@ -22,7 +23,7 @@ def watched(seed, pump_V, effectiveness, steps=14, before=30):
 
 @pytest.mark.parametrize("seed", range(20))
 @pytest.mark.parametrize("pump", [0, 1])
-def test_a_pump_without_water_is_missed_within_a_second_and_a_half_and_a_weak_one_is_not(seed, pump):
+def test_a_pump_without_water_is_missed_within_a_second_and_a_half_and_a_weak_one_is_not(seed: int, pump: int) -> None:
     none, weak = [1.0, 1.0], [1.0, 1.0]
     none[pump], weak[pump] = 0.0, 0.4
     assert inflow_check.is_missing(SETUP, watched(seed, (3.0, 3.0), none), pump)
@@ -31,7 +32,7 @@ def test_a_pump_without_water_is_missed_within_a_second_and_a_half_and_a_weak_on
     assert not inflow_check.is_missing(SETUP, watched(seed, (3.0, 3.0), (1.0, 1.0)), pump)
 
 
-def test_of_a_pump_at_rest_or_a_tank_without_readings_nothing_is_said():
+def test_of_a_pump_at_rest_or_a_tank_without_readings_nothing_is_said() -> None:
     assert not inflow_check.is_missing(SETUP, watched(1, (1.0, 3.0), (0.0, 1.0)), 0)
     memory = watched(1, (3.0, 3.0), (0.0, 1.0))
     for row in memory.history.entries:
@@ -43,7 +44,7 @@ def test_of_a_pump_at_rest_or_a_tank_without_readings_nothing_is_said():
     assert not inflow_check.is_missing(SETUP, watched(1, (3.0, 3.0), (0.0, 1.0), steps=3, before=3), 0)
 
 
-def test_periods_without_readings_leave_the_others_to_judge():
+def test_periods_without_readings_leave_the_others_to_judge() -> None:
     memory = watched(2, (3.0, 3.0), (0.0, 1.0))
     memory.history.entries[::2, 2 + 3] = math.nan
     assert inflow_check.is_missing(SETUP, memory, 0)

@@ -7,8 +7,11 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+
+import can
 
 from firmware_sim.links import listen
 from firmware_sim.slcan_port import SlcanPort
@@ -53,13 +56,13 @@ safety.arm_timeout_s = {arm_timeout}
 """
 
 
-def write_scenario(folder, *, duration=60.0, arm_timeout=5.0):
+def write_scenario(folder: Path, *, duration: float = 60.0, arm_timeout: float = 5.0) -> Path:
     path = folder / "live.toml"
     path.write_text(STORY.format(duration=duration, arm_timeout=arm_timeout))
     return path
 
 
-def wait_for(condition, timeout_s=10.0):
+def wait_for(condition: Callable[[], bool], timeout_s: float = 10.0) -> bool:
     end_s = time.monotonic() + timeout_s
     while not (result := condition()):
         assert time.monotonic() < end_s, "did not happen in time"
@@ -70,7 +73,7 @@ def wait_for(condition, timeout_s=10.0):
 class Emulator:
     """A running firmware-sim, where it is reached, and what its nodes have recorded."""
 
-    def __init__(self, process, channel, record):
+    def __init__(self, process: fork_server.ForkedProgram | subprocess.Popen[str], channel, record: Path) -> None:
         self.process, self.channel, self._record = process, channel, record
 
     def changes(self):
@@ -83,14 +86,16 @@ class Emulator:
     def commanded(self):
         return [change for change in self.pump() if change["cause"] == "command"]
 
-    def has_ever_applied(self):
+    def has_ever_applied(self) -> bool:
         return any(change["applied_V"] != [0.0, 0.0] for change in self.pump())
 
-    def wait_until_it_runs(self, changes=5):
+    def wait_until_it_runs(self, changes: int = 5) -> None:
         wait_for(lambda: len(self.commanded()) >= changes, timeout_s=40.0)  # a busy machine starts slowly
 
 
-def start(command, *, is_forked=True):
+def start(
+    command: list[Path | str | int], *, is_forked: bool = True
+) -> fork_server.ForkedProgram | subprocess.Popen[str]:
     """A program of ours, its outputs on pipes. is_forked : by the fork server; otherwise it is the console script."""
     if is_forked:
         return ForkedProgram(command)
@@ -101,7 +106,13 @@ def start(command, *, is_forked=True):
 
 
 @contextmanager
-def emulator(record, *arguments, scenario=None, transport=("--slcan", "0"), is_forked=True):
+def emulator(
+    record: Path,
+    *arguments: str | Path,
+    scenario: Path | None = None,
+    transport: tuple[str, ...] = ("--slcan", "0"),
+    is_forked: bool = True,
+) -> Iterator[Emulator]:
     story = () if scenario is None else ("--scenario", scenario)
     command = ["firmware-sim", *transport, "--seed", "1", "--record", record, *story, *arguments]
     process = start(command, is_forked=is_forked)
@@ -118,13 +129,13 @@ def emulator(record, *arguments, scenario=None, transport=("--slcan", "0"), is_f
 
 
 @contextmanager
-def lone_adapter():
+def lone_adapter() -> Iterator[tuple[str, list[can.Message]]]:
     """An slcan adapter on a bus where nobody else speaks: its address, and the frames that it was given to send."""
     listener = listen(0)
     listener.setblocking(True)
     sent = []
 
-    def serve():
+    def serve() -> None:
         with suppress(OSError):
             client, _ = listener.accept()
             adapter = SlcanPort()
@@ -145,22 +156,24 @@ def lone_adapter():
 class Controller:
     """A running `hil run`, and the folder that it writes."""
 
-    def __init__(self, process, folder):
+    def __init__(self, process: fork_server.ForkedProgram | subprocess.Popen[str], folder: Path) -> None:
         self.process, self.folder = process, folder
         self.out = self.err = ""
 
-    def wait(self, timeout_s=30.0):
+    def wait(self, timeout_s: float = 30.0):
         """Exit code; the outputs are kept. No way of ending may show a traceback."""
         self.out, self.err = self.process.communicate(timeout=timeout_s)
         assert "Traceback" not in self.err, self.err
         return self.process.returncode
 
-    def json(self, name):
+    def json(self, name: str):
         return json.loads((self.folder / name).read_text())
 
 
 @contextmanager
-def controller(scenario, channel, folder, *options, is_forked=True):
+def controller(
+    scenario: Path, channel: str, folder: Path, *options: str | int, is_forked: bool = True
+) -> Iterator[Controller]:
     command = ["hil", "run", scenario, "-i", "slcan", "-c", channel, "--out", folder, *options]
     process = start(command, is_forked=is_forked)
     try:
@@ -175,7 +188,7 @@ def controller(scenario, channel, folder, *options, is_forked=True):
 PLAIN = ("--no-rerun", "--no-report")
 
 
-def hil(*arguments):
+def hil(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     return fork_server.run(["hil", *arguments])
 
 

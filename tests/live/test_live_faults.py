@@ -4,6 +4,7 @@ import json
 import signal
 import time
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 
@@ -16,6 +17,7 @@ from tests.live.live_bench import (
     PERIOD_S,
     PLAIN,
     WATCHDOG_S,
+    Controller,
     controller,
     emulator,
     hil,
@@ -31,7 +33,7 @@ OFF = [0.0, 0.0]
 TCP, PTY = ("--slcan", "0"), ("--pty",)
 
 
-def trip_of(run):
+def trip_of(run: Controller):
     """The one trip in kpi.json; run.json must tell the same story."""
     kpi, manifest = run.json("kpi.json"), run.json("run.json")
     assert (kpi["status"], manifest["status"]) == ("tripped", "tripped")
@@ -44,7 +46,7 @@ over_both = pytest.mark.parametrize("transport", [TCP, PTY], ids=["tcp", "pty"])
 
 
 @over_both
-def test_case_24_a_killed_emulator_ends_the_run_by_itself(tmp_path, transport):
+def test_case_24_a_killed_emulator_ends_the_run_by_itself(tmp_path: Path, transport: tuple[str, ...]) -> None:
     scenario = write_scenario(tmp_path)
     with (
         emulator(tmp_path / "node.jsonl", transport=transport) as rig,
@@ -63,7 +65,7 @@ def test_case_24_a_killed_emulator_ends_the_run_by_itself(tmp_path, transport):
 
 
 @pytest.fixture(scope="module")
-def killed(tmp_path_factory):
+def killed(tmp_path_factory: pytest.TempPathFactory):
     """A controller killed in the midst of a run: its folder, the rig it left, and the node's record up to the trip."""
     folder = tmp_path_factory.mktemp("killed")
     scenario = write_scenario(folder, arm_timeout=1.0)
@@ -75,7 +77,7 @@ def killed(tmp_path_factory):
         yield run.folder, rig, rig.pump(), scenario
 
 
-def test_case_49_a_killed_controller_leaves_the_pumps_at_zero_volts_within_the_watchdog_time(killed):
+def test_case_49_a_killed_controller_leaves_the_pumps_at_zero_volts_within_the_watchdog_time(killed) -> None:
     """Lines are written when the output changes; noise changes it at almost every command."""
     *_, last, trip = killed[2]
     assert (trip["state"], trip["applied_V"], trip["cause"]) == ("tripped", OFF, "watchdog")
@@ -83,7 +85,7 @@ def test_case_49_a_killed_controller_leaves_the_pumps_at_zero_volts_within_the_w
     assert WATCHDOG_S - 1e-6 <= trip["t_s"] - last["t_s"] <= WATCHDOG_S + 2.5 * PERIOD_S
 
 
-def test_case_49_a_killed_controller_over_a_pseudo_terminal_is_no_different(tmp_path):
+def test_case_49_a_killed_controller_over_a_pseudo_terminal_is_no_different(tmp_path: Path) -> None:
     scenario = write_scenario(tmp_path, arm_timeout=1.0)
     with (
         emulator(tmp_path / "node.jsonl", transport=PTY) as rig,
@@ -97,7 +99,7 @@ def test_case_49_a_killed_controller_over_a_pseudo_terminal_is_no_different(tmp_
     assert WATCHDOG_S - 1e-6 <= trip["t_s"] - last["t_s"] <= WATCHDOG_S + 2.5 * PERIOD_S
 
 
-def test_case_49_a_killed_run_can_be_read_up_to_its_last_moments(killed):
+def test_case_49_a_killed_run_can_be_read_up_to_its_last_moments(killed) -> None:
     """The node's record tells when the last command came: the watchdog time before the trip."""
     folder, _, pump, _ = killed
     ticks, _ = read(RunFolder.open(folder))
@@ -110,7 +112,7 @@ def test_case_49_a_killed_run_can_be_read_up_to_its_last_moments(killed):
     assert ran_s - (logged[-1] - logged[0]) <= 0.3 + PERIOD_S
 
 
-def test_a_killed_run_is_reported_as_interrupted(killed):
+def test_a_killed_run_is_reported_as_interrupted(killed) -> None:
     folder = killed[0]
     assert json.loads((folder / "run.json").read_text())["status"] == "running"
     done = hil("report", folder)
@@ -119,7 +121,7 @@ def test_a_killed_run_is_reported_as_interrupted(killed):
     assert "interrupted" in (folder / "report.html").read_text()
 
 
-def test_after_a_kill_the_trip_stays_until_it_is_cleared_on_purpose(killed, tmp_path):
+def test_after_a_kill_the_trip_stays_until_it_is_cleared_on_purpose(killed, tmp_path: Path) -> None:
     _, rig, pump, scenario = killed
     with controller(scenario, rig.channel, tmp_path / "refused", *PLAIN) as run:
         assert run.wait() == 4
@@ -140,7 +142,9 @@ def test_after_a_kill_the_trip_stays_until_it_is_cleared_on_purpose(killed, tmp_
     [(signal.SIGTERM, 143, TCP), (signal.SIGINT, 130, TCP), (signal.SIGTERM, 143, PTY)],
     ids=["SIGTERM-tcp", "SIGINT-tcp", "SIGTERM-pty"],
 )
-def test_case_50_asked_to_end_it_ramps_down_and_closes_its_record(tmp_path, number, code, transport):
+def test_case_50_asked_to_end_it_ramps_down_and_closes_its_record(
+    tmp_path: Path, number: signal.Signals, code: int, transport: tuple[str, ...]
+) -> None:
     scenario = write_scenario(tmp_path)
     with (
         emulator(tmp_path / "node.jsonl", transport=transport) as rig,
@@ -164,7 +168,7 @@ def test_case_50_asked_to_end_it_ramps_down_and_closes_its_record(tmp_path, numb
     assert events[-1].code == "end"
 
 
-def test_asked_to_end_before_it_is_armed_it_ends_at_once(tmp_path):
+def test_asked_to_end_before_it_is_armed_it_ends_at_once(tmp_path: Path) -> None:
     """Nobody speaks on the bus, so that it waits for the rig until the signal comes."""
     scenario = write_scenario(tmp_path, arm_timeout=30.0)
     with lone_adapter() as (channel, sent), controller(scenario, channel, tmp_path / "run", *PLAIN) as run:
@@ -176,7 +180,9 @@ def test_asked_to_end_before_it_is_armed_it_ends_at_once(tmp_path):
 
 
 @over_both
-def test_case_48_a_stopped_controller_trips_and_sends_no_burst_afterwards(tmp_path, transport):
+def test_case_48_a_stopped_controller_trips_and_sends_no_burst_afterwards(
+    tmp_path: Path, transport: tuple[str, ...]
+) -> None:
     scenario = write_scenario(tmp_path)
     with (
         emulator(tmp_path / "node.jsonl", transport=transport) as rig,
@@ -201,7 +207,9 @@ def test_case_48_a_stopped_controller_trips_and_sends_no_burst_afterwards(tmp_pa
 
 
 @over_both
-def test_case_28_a_node_that_reads_nothing_trips_the_controller_and_refuses_the_backlog(tmp_path, transport):
+def test_case_28_a_node_that_reads_nothing_trips_the_controller_and_refuses_the_backlog(
+    tmp_path: Path, transport: tuple[str, ...]
+) -> None:
     scenario = write_scenario(tmp_path)
     with (
         emulator(tmp_path / "node.jsonl", transport=transport) as rig,

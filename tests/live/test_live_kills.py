@@ -4,15 +4,17 @@ import json
 import signal
 import socket
 import time
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
 from hil.core.types import Mode
 from hil.edge.record.run_folder import RunFolder
-from hil.review.ticks import read
-from tests.live.live_bench import CONFIG, PLAIN, WATCHDOG_S, controller, emulator, wait_for
+from hil.review.ticks import Ticks, read
+from tests.live.live_bench import CONFIG, PLAIN, WATCHDOG_S, Controller, Emulator, controller, emulator, wait_for
 
 pytestmark = pytest.mark.live
 
@@ -62,20 +64,20 @@ PHASES = {
 class Killed:
     """A run that has been brought to a phase, and the rig that it runs on."""
 
-    def __init__(self, run, rig):
+    def __init__(self, run: Controller, rig: Emulator) -> None:
         self.run, self.rig = run, rig
 
     def events(self):
         path = self.run.folder / "events.jsonl"
         return [json.loads(line) for line in path.read_text().split("\n")[:-1]] if path.exists() else []
 
-    def is_in(self, mode):
+    def is_in(self, mode: Mode):
         said = [event for event in self.events() if event["code"] in ("mode", "trip")]
         if not said:
             return False
         return mode is Mode.TRIPPED if said[-1]["code"] == "trip" else said[-1]["data"]["mode"] == mode.name
 
-    def send(self, number):
+    def send(self, number: signal.Signals):
         """A stopped process is killed in the end, when it can no longer do anything else."""
         self.run.process.send_signal(number)
         if number is STOP:
@@ -86,7 +88,7 @@ class Killed:
 
 
 @contextmanager
-def brought_to(phase, folder):
+def brought_to(phase: Phase, folder: Path) -> Iterator[Killed]:
     scenario = folder / "killed.toml"
     tables = "" if phase.more == "" else phase.more
     scenario.write_text(STORY.format(ramp_V_s=phase.ramp_V_s, period_s=phase.period_s, more=tables))
@@ -105,7 +107,7 @@ def brought_to(phase, folder):
         yield killed
 
 
-def assert_readable(folder):
+def assert_readable(folder: Path) -> Ticks:
     """The folder can be read, its steps and frames up to 0.3 s before the last command."""
     run = RunFolder.open(folder)
     ticks, events = read(run)
@@ -114,7 +116,7 @@ def assert_readable(folder):
     return ticks
 
 
-def assert_off_in_time(pump, *, since_V=0.0):
+def assert_off_in_time(pump, *, since_V: float = 0.0):
     """From the last command that the node applied to its 0 V; then nothing moves."""
     last = max(i for i, change in enumerate(pump) if max(change["applied_V"]) > since_V)
     off = next(change for change in pump[last:] if change["applied_V"] == OFF)
@@ -125,7 +127,9 @@ def assert_off_in_time(pump, *, since_V=0.0):
 
 @pytest.mark.parametrize("number", [KILL, STOP, TERM, CTRL_C], ids=["kill", "stop", "term", "ctrl_c"])
 @pytest.mark.parametrize("name", PHASES)
-def test_cases_48_to_50_in_every_phase_the_node_is_at_zero_volts_in_time(tmp_path, name, number):
+def test_cases_48_to_50_in_every_phase_the_node_is_at_zero_volts_in_time(
+    tmp_path: Path, name: str, number: signal.Signals
+) -> None:
     phase = PHASES[name]
     with brought_to(phase, tmp_path) as killed:
         code = killed.send(number)
@@ -152,7 +156,7 @@ def test_cases_48_to_50_in_every_phase_the_node_is_at_zero_volts_in_time(tmp_pat
         assert killed.run.json("run.json")["status"] == ("tripped" if name == "tripped" else "stopped")
 
 
-def _exit_code(name, number):
+def _exit_code(name: str, number: signal.Signals) -> int:
     if number in SUDDEN:
         return -9
     if name == "tripped":
@@ -169,7 +173,9 @@ def _ran_s(pump):
 
 
 @pytest.mark.parametrize("number", [KILL, STOP, TERM, CTRL_C], ids=["kill", "stop", "term", "ctrl_c"])
-def test_while_it_is_disarmed_it_moves_nothing_and_leaves_a_readable_folder(tmp_path, number):
+def test_while_it_is_disarmed_it_moves_nothing_and_leaves_a_readable_folder(
+    tmp_path: Path, number: signal.Signals
+) -> None:
     """The nodes were built for another DBC, so that it waits for them for as long as it may."""
     scenario = tmp_path / "killed.toml"
     scenario.write_text(STORY.format(ramp_V_s=20.0, period_s=PERIOD_S, more=""))
@@ -188,12 +194,12 @@ def test_while_it_is_disarmed_it_moves_nothing_and_leaves_a_readable_folder(tmp_
         assert not rig.has_ever_applied()
 
 
-def _text(path):
+def _text(path: Path) -> str:
     return path.read_text() if path.exists() else ""
 
 
 @pytest.mark.parametrize("number", [KILL, STOP, TERM, CTRL_C], ids=["kill", "stop", "term", "ctrl_c"])
-def test_while_it_connects_it_ends_at_once_and_leaves_no_folder(tmp_path, number):
+def test_while_it_connects_it_ends_at_once_and_leaves_no_folder(tmp_path: Path, number: signal.Signals) -> None:
     """A listener whose backlog is full lets nobody in."""
     scenario = tmp_path / "killed.toml"
     scenario.write_text(STORY.format(ramp_V_s=20.0, period_s=PERIOD_S, more=""))
@@ -220,7 +226,7 @@ def test_while_it_connects_it_ends_at_once_and_leaves_no_folder(tmp_path, number
     assert not (tmp_path / "run").exists()
 
 
-def _is_connecting(port, guests=4):
+def _is_connecting(port, guests: int = 4) -> bool:
     """Whether one more than our guests waits to be let in (their requests stay in SYN_SENT, or are in the backlog)."""
     asking = f":{port:04X}"
     with open("/proc/net/tcp", encoding="ascii") as table:  # noqa: PTH123 - not a file of ours

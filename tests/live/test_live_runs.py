@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
@@ -11,14 +12,25 @@ import pytest
 
 from hil.edge.record.run_folder import RunFolder
 from hil.review.ticks import read
-from tests.live.live_bench import CONFIG, PERIOD_S, PLAIN, controller, emulator, hil, sent_s, write_scenario
+from tests.live.live_bench import (
+    CONFIG,
+    PERIOD_S,
+    PLAIN,
+    Controller,
+    Emulator,
+    controller,
+    emulator,
+    hil,
+    sent_s,
+    write_scenario,
+)
 
 pytestmark = pytest.mark.live
 FILES = {"run.json", "can.log", "sent.log", "ticks.csv", "events.jsonl", "run.rrd", "kpi.json", "report.html"}
 
 
 @pytest.fixture(scope="module")
-def whole_run(tmp_path_factory):
+def whole_run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Controller, Emulator]]:
     """10 s over TCP with a reference step and a fault, by the console scripts: the controller and the node's record."""
     folder = tmp_path_factory.mktemp("live")
     scenario = write_scenario(folder, duration=10.0)
@@ -30,7 +42,7 @@ def whole_run(tmp_path_factory):
         yield run, rig
 
 
-def test_a_whole_run_leaves_every_file(whole_run):
+def test_a_whole_run_leaves_every_file(whole_run: tuple[Controller, Emulator]) -> None:
     run, _ = whole_run
     assert {path.name for path in run.folder.iterdir()} == FILES
     assert all(path.stat().st_size > 0 for path in run.folder.iterdir())
@@ -40,7 +52,7 @@ def test_a_whole_run_leaves_every_file(whole_run):
     assert "live: complete" in run.out
 
 
-def test_a_whole_run_loses_no_command_and_no_frame(whole_run):
+def test_a_whole_run_loses_no_command_and_no_frame(whole_run: tuple[Controller, Emulator]) -> None:
     run, rig = whole_run
     kpi = run.json("kpi.json")
     assert (kpi["commands"]["commands_lost"], kpi["commands"]["frames_lost"]) == (0, 0)
@@ -55,7 +67,7 @@ def test_a_whole_run_loses_no_command_and_no_frame(whole_run):
     assert rig.commanded()
 
 
-def test_a_whole_run_keeps_its_time(whole_run):
+def test_a_whole_run_keeps_its_time(whole_run: tuple[Controller, Emulator]) -> None:
     """One step in a hundred may be skipped: where tests run, other processes may hold the processor for 0.1 s."""
     kpi = whole_run[0].json("kpi.json")
     assert kpi["skipped"] <= 1
@@ -64,19 +76,19 @@ def test_a_whole_run_keeps_its_time(whole_run):
     assert kpi["speed_x"] == pytest.approx(1.0, abs=0.2)
 
 
-def test_commands_go_out_once_a_period(whole_run):
+def test_commands_go_out_once_a_period(whole_run: tuple[Controller, Emulator]) -> None:
     times = sent_s(whole_run[0].folder)
     gaps = sorted(b - a for a, b in pairwise(times[:-1]))
     assert gaps[len(gaps) // 2] == pytest.approx(PERIOD_S, abs=0.005)
     assert gaps[1] > 0.3 * PERIOD_S, "a burst"
 
 
-def test_the_node_ends_ready_at_zero_volts(whole_run):
+def test_the_node_ends_ready_at_zero_volts(whole_run: tuple[Controller, Emulator]) -> None:
     last = whole_run[1].pump()[-1]
     assert (last["state"], last["applied_V"], last["cause"]) == ("ready", [0.0, 0.0], "disabled")
 
 
-def test_the_controller_follows_the_reference_and_notices_the_fault(whole_run):
+def test_the_controller_follows_the_reference_and_notices_the_fault(whole_run: tuple[Controller, Emulator]) -> None:
     run, _ = whole_run
     ticks, events = read(RunFolder.open(run.folder))
     kpi = run.json("kpi.json")
@@ -88,7 +100,7 @@ def test_the_controller_follows_the_reference_and_notices_the_fault(whole_run):
     assert events[-1].code == "end"
 
 
-def test_applied_voltages_in_the_record_are_the_nodes_own(whole_run):
+def test_applied_voltages_in_the_record_are_the_nodes_own(whole_run: tuple[Controller, Emulator]) -> None:
     run, rig = whole_run
     ticks, _ = read(RunFolder.open(run.folder))
     own = np.array([change["applied_V"][0] for change in rig.pump()])
@@ -96,7 +108,7 @@ def test_applied_voltages_in_the_record_are_the_nodes_own(whole_run):
     assert max(far_V) <= 0.0001 + 1e-9, "half a step of the wire's 0.2 mV"
 
 
-def test_a_run_over_a_pseudo_terminal_is_no_different(tmp_path):
+def test_a_run_over_a_pseudo_terminal_is_no_different(tmp_path: Path) -> None:
     scenario = write_scenario(tmp_path, duration=3.0)
     with (
         emulator(tmp_path / "node.jsonl", scenario=scenario, transport=("--pty",)) as rig,
@@ -110,7 +122,7 @@ def test_a_run_over_a_pseudo_terminal_is_no_different(tmp_path):
         assert (last["state"], last["applied_V"]) == ("ready", [0.0, 0.0])
 
 
-def test_a_run_in_real_time_completes_with_whatever_is_granted(tmp_path):
+def test_a_run_in_real_time_completes_with_whatever_is_granted(tmp_path: Path) -> None:
     """Where the tests may not use SCHED_FIFO, the refusal is said and recorded, and the run goes on."""
     scenario = write_scenario(tmp_path, duration=3.0)
     with (
@@ -132,7 +144,7 @@ ROUNDED_S = 1e-8
 """Times in ticks.csv have so many digits; the last step written and the event may be of the same step."""
 
 
-def test_a_recorder_that_is_killed_does_not_stop_the_run(tmp_path):
+def test_a_recorder_that_is_killed_does_not_stop_the_run(tmp_path: Path) -> None:
     scenario = write_scenario(tmp_path, duration=5.0)
     with (
         emulator(tmp_path / "node.jsonl", scenario=scenario) as rig,
@@ -154,7 +166,7 @@ def test_a_recorder_that_is_killed_does_not_stop_the_run(tmp_path):
     assert hil("report", run.folder).returncode == 0
 
 
-def test_a_node_built_for_another_dbc_is_never_armed(tmp_path):
+def test_a_node_built_for_another_dbc_is_never_armed(tmp_path: Path) -> None:
     scenario = write_scenario(tmp_path, arm_timeout=1.0)
     config = tmp_path / "config"
     config.mkdir()
@@ -179,7 +191,7 @@ BAD = {
 }
 
 
-def test_bad_input_moves_nothing_on_a_rig_that_is_there(tmp_path):
+def test_bad_input_moves_nothing_on_a_rig_that_is_there(tmp_path: Path) -> None:
     with emulator(tmp_path / "node.jsonl") as rig:
         for name, (more, options) in BAD.items():
             scenario = tmp_path / f"{name.replace(' ', '_')}.toml"

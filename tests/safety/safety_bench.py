@@ -21,12 +21,15 @@ from hil.core.tanks import TankModel, equilibrium, linearise
 from hil.core.types import (
     BusHealth,
     Diagnosis,
+    Event,
     Inputs,
     Measurement,
     Mode,
     NodeHealth,
     NodeState,
     PumpFeedback,
+    Quad,
+    TickRecord,
     Timing,
     TripCause,
 )
@@ -172,7 +175,7 @@ def believing(diagnosis: Diagnosis = SOUND, **changes) -> Belief:
     return Belief(diagnosis, REST_CM, (3.0, 3.0), accommodates=True, **changes)
 
 
-def config(**changes) -> ControllerConfig:
+def config(**changes: NoDetector) -> ControllerConfig:
     at = linearise(BENCH, equilibrium(BENCH, (3.0, 3.0)))
     design = choose_rig_design(at, RIG["control"]["output_poles"], RIG["control"]["noise_gain_max"])
     loop = LoopConfig(
@@ -201,11 +204,11 @@ class SentCommand:
 class RecordingPort:
     """Keeps what the loop sends, read back by the emulator's own parser."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.send_failures, self.is_up, self.last_error = 0, True, ""
         self.sent: list[SentCommand] = []
 
-    def send(self, frame_id, data, timestamp_s):
+    def send(self, frame_id: int, data: bytes, timestamp_s: float) -> bool:
         parsed = node.parse_command(Message(arbitration_id=frame_id, data=data, is_extended_id=False))
         assert isinstance(parsed, node.PumpCommand), parsed
         at_ns = round(timestamp_s * 1e9)
@@ -225,25 +228,27 @@ class KeepingRecorder:
     messages: list = field(default_factory=list)
     events: list = field(default_factory=list)
 
-    def tick(self, record, true_level_cm=None):
+    def tick(self, record: TickRecord, true_level_cm: Quad | None = None) -> None:
         self.ticks.append(record)
         self.true_levels.append(true_level_cm)
         self.events += [(record.t_s, event) for event in record.events]
 
-    def frame(self, timestamp_s, arbitration_id, data, is_rx=True):
+    def frame(self, timestamp_s: float, arbitration_id: int, data: bytes | bytearray, is_rx: bool = True) -> None:
         self.frames.append((timestamp_s, arbitration_id, bytes(data), is_rx))
 
-    def message(self, timestamp_s, frame):
+    def message(self, timestamp_s: float, frame) -> None:
         self.messages.append((timestamp_s, frame))
 
-    def event(self, t_s, event):
+    def event(self, t_s: float, event: Event) -> None:
         self.events.append((t_s, event))
 
 
 class LoopBench:
     """A ControlLoop between a port and a recorder; nodes that answer every command, until told otherwise."""
 
-    def __init__(self, controller_config=None, **arguments):
+    def __init__(
+        self, controller_config: ControllerConfig | None = None, **arguments: float | bool | Callable[..., Quad | None]
+    ) -> None:
         self.port, self.recorder = RecordingPort(), KeepingRecorder()
         self.arguments = {"arm_timeout_s": 1.0} | arguments
         self.loop = ControlLoop(
@@ -264,7 +269,7 @@ class LoopBench:
         return self.loop._state.supervision.mode
 
     @property
-    def cause(self):
+    def cause(self) -> TripCause | None:
         return self.loop._state.supervision.cause
 
     @property
@@ -299,10 +304,10 @@ class LoopBench:
         return {name: self._message(*packed[name]) for name in packed if name not in self.silent}
 
     @staticmethod
-    def _message(can_id, data):
+    def _message(can_id, data) -> Message:
         return Message(arbitration_id=can_id, data=data, is_extended_id=False)
 
-    def step(self, count=1, stop_reason="", timing=None):
+    def step(self, count: int = 1, stop_reason: str = "", timing: Timing | None = None) -> None:
         """One period after another: the nodes speak, the loop ticks."""
         for _ in range(count):
             self.now_ns += PERIOD_NS
@@ -311,7 +316,7 @@ class LoopBench:
                 self.loop.receive(frame, self.now_ns - 5 * MS)
             self.loop.tick(self.now_ns, timing or Timing(), stop_reason)
 
-    def run(self):
+    def run(self) -> "LoopBench":
         """Until it runs, a few steps in."""
         self.step(8)
         assert self.mode is Mode.RUNNING
@@ -320,7 +325,7 @@ class LoopBench:
         return self
 
 
-def raw_command(v1, v2, *, enable=True, counter=0):
+def raw_command(v1: float, v2: float, *, enable: bool = True, counter: int = 0) -> Message:
     """A command frame of somebody else."""
     body = struct.pack("<HHB", round(v1 * 5000), round(v2 * 5000), enable | counter << 4)
     return Message(arbitration_id=node.COMMAND_ID, data=node.sealed(node.COMMAND_ID, body), is_extended_id=False)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hil.core import interlocks, supervisor
 from hil.core.interlocks import BYPASSABLE, INTERLOCKS, NO_BELIEF, Belief, Reaction
 from hil.core.supervisor import OFF, Supervision
-from hil.core.types import Action, Diagnosis, Mode, NodeState, Request, Severity, TripCause
+from hil.core.types import Action, Diagnosis, Event, Inputs, Mode, NodeState, Pair, Request, Severity, TripCause
 from tests.safety.safety_bench import (
     ALL,
     BENCH,
@@ -32,30 +32,39 @@ RUNNING = Supervision(Mode.RUNNING, None, (3.0, 3.0))
 JUST = 1e-9
 
 
-def after(inputs, belief=NO_BELIEF, *, limits=LIMITS, state=RUNNING, now_ns=NOW_NS):
+def after(
+    inputs: Inputs,
+    belief: interlocks.Belief = NO_BELIEF,
+    *,
+    limits: interlocks.Limits = LIMITS,
+    state: supervisor.Supervision = RUNNING,
+    now_ns: int = NOW_NS,
+) -> tuple[supervisor.Supervision, tuple[Event, ...]]:
     return supervisor.next_mode(limits, state, inputs, now_ns, belief)
 
 
-def cause_of(inputs, belief=NO_BELIEF, **more):
+def cause_of(
+    inputs: Inputs, belief: interlocks.Belief = NO_BELIEF, **more: supervisor.Supervision | interlocks.Limits | int
+) -> TripCause | None:
     return after(inputs, belief, **more)[0].cause
 
 
-def text_of(inputs, belief=NO_BELIEF, **more):
+def text_of(inputs: Inputs, belief: interlocks.Belief = NO_BELIEF, **more: supervisor.Supervision) -> str:
     return after(inputs, belief, **more)[1][0].text
 
 
-def runs(*lengths, base=HEALTHY):
+def runs(*lengths, base: Inputs = HEALTHY) -> Inputs:
     return but(base, "measurement", invalid_run=lengths, valid=tuple(n == 0 for n in lengths))
 
 
 # the table
 
 
-def test_every_cause_has_its_interlock():
+def test_every_cause_has_its_interlock() -> None:
     assert {interlock.cause for interlock in INTERLOCKS} == set(TripCause)
 
 
-def test_only_what_the_diagnosis_or_a_counter_believes_can_be_bypassed():
+def test_only_what_the_diagnosis_or_a_counter_believes_can_be_bypassed() -> None:
     assert {
         TripCause.ECHO_MISMATCH,
         TripCause.ERROR_STORM,
@@ -70,23 +79,23 @@ def test_only_what_the_diagnosis_or_a_counter_believes_can_be_bypassed():
     [LIMITS, NO_BELIEF, INTERLOCKS[0], RUNNING, supervisor._situation(LIMITS, RUNNING, HEALTHY, NOW_NS, NO_BELIEF)],
     ids=lambda record: type(record).__name__,
 )
-def test_records_can_not_be_changed(record):
+def test_records_can_not_be_changed(record) -> None:
     name = fields(record)[0].name
     with pytest.raises(FrozenInstanceError):
         setattr(record, name, getattr(record, name))
     assert not hasattr(record, "__dict__")
 
 
-def test_the_supervisor_begins_with_nothing():
+def test_the_supervisor_begins_with_nothing() -> None:
     assert Supervision() == Supervision(Mode.DISARMED, None, (0.0, 0.0), -1, (0.0, 0.0), (), "", clears_node=False)
     assert supervisor._situation(LIMITS, RUNNING, HEALTHY, NOW_NS, NO_BELIEF).mismatch_s == 0.0
 
 
-def test_before_the_loop_there_is_nothing_to_believe():
+def test_before_the_loop_there_is_nothing_to_believe() -> None:
     assert Belief(Diagnosis(), None, (0.0, 0.0), accommodates=False, open_share=(1.0, 1.0)) == NO_BELIEF
 
 
-def test_trips_stand_before_stops():
+def test_trips_stand_before_stops() -> None:
     reactions = [interlock.reaction for interlock in INTERLOCKS]
     assert reactions == sorted(reactions, key=lambda reaction: reaction is Reaction.STOP)
     assert [i.cause for i in INTERLOCKS if i.reaction is Reaction.STOP] == [
@@ -95,7 +104,7 @@ def test_trips_stand_before_stops():
     ]
 
 
-def test_texts_have_their_numbers():
+def test_texts_have_their_numbers() -> None:
     gone = but(HEALTHY, "bus", is_up=False)
     assert text_of(gone) == "tripped: the CAN bus is gone"
     assert text_of(but(gone, "bus", last_error="no such device")) == "tripped: the CAN bus is gone: no such device"
@@ -110,14 +119,16 @@ def test_texts_have_their_numbers():
 
 @pytest.mark.parametrize("channel", range(4))
 @pytest.mark.parametrize(("length", "cause"), [(1, None), (2, None), (3, TripCause.INVALID_LEVELS), (40, "same")])
-def test_the_third_invalid_reading_trips_a_sensor_that_nobody_doubts(channel, length, cause):
+def test_the_third_invalid_reading_trips_a_sensor_that_nobody_doubts(
+    channel: int, length: int, cause: TripCause | str | None
+) -> None:
     lengths = [0] * 4
     lengths[channel] = length
     assert cause_of(runs(*lengths), believing()) is (TripCause.INVALID_LEVELS if cause == "same" else cause)
 
 
 @pytest.mark.parametrize("channel", range(4))
-def test_the_model_takes_the_place_of_a_sensor_that_the_diagnosis_has_found_out(channel):
+def test_the_model_takes_the_place_of_a_sensor_that_the_diagnosis_has_found_out(channel: int) -> None:
     lengths = [0] * 4
     lengths[channel] = 400
     bad = level(runs(*lengths), channel, 10.24)
@@ -133,7 +144,7 @@ def test_the_model_takes_the_place_of_a_sensor_that_the_diagnosis_has_found_out(
 
 @pytest.mark.parametrize("channel", range(4))
 @pytest.mark.parametrize("nonsense", [math.nan, math.inf, -math.inf])
-def test_a_level_that_is_no_number_trips_at_once_unless_nobody_asks_for_it(channel, nonsense):
+def test_a_level_that_is_no_number_trips_at_once_unless_nobody_asks_for_it(channel: int, nonsense: float) -> None:
     inputs = level(HEALTHY, channel, nonsense)
     assert cause_of(inputs, believing()) is TripCause.INVALID_LEVELS
     assert cause_of(inputs, believing(Diagnosis(trusted=doubted(channel), level_V=REST_V))) is None
@@ -143,7 +154,7 @@ def test_a_level_that_is_no_number_trips_at_once_unless_nobody_asks_for_it(chann
 
 @pytest.mark.parametrize("channel", range(4))
 @pytest.mark.parametrize("run", [1, 2])
-def test_a_reading_that_is_not_valid_says_nothing_of_a_high_level(channel, run):
+def test_a_reading_that_is_not_valid_says_nothing_of_a_high_level(channel: int, run: int) -> None:
     """Shorted high for a reading or two; the estimate stands in, and it counts."""
     lengths = [0] * 4
     lengths[channel] = run
@@ -155,7 +166,7 @@ def test_a_reading_that_is_not_valid_says_nothing_of_a_high_level(channel, run):
 
 
 @pytest.mark.parametrize("channel", range(4))
-def test_levels_are_the_best_that_is_known(channel):
+def test_levels_are_the_best_that_is_known(channel: int) -> None:
     others = tuple(i for i in range(4) if i != channel)
     inputs = level(HEALTHY, channel, 5.0)
     model_V, estimate_cm = (1.0, 2.0, 3.0, 4.0), (11.0, 12.0, 13.0, 14.0)
@@ -174,21 +185,21 @@ def test_levels_are_the_best_that_is_known(channel):
 
 
 @pytest.mark.parametrize(("lost", "cause"), [((), None), ((2,), None), ((0, 1), TripCause.SENSORS_LOST)])
-def test_one_sensor_may_be_lost_two_may_not(lost, cause):
+def test_one_sensor_may_be_lost_two_may_not(lost: tuple[int, ...], cause: TripCause | None) -> None:
     assert cause_of(HEALTHY, believing(Diagnosis(trusted=doubted(*lost), level_V=REST_V))) is cause
 
 
 # overshoot
 
 
-def standing_at(h1, h3, *, side=0):
+def standing_at(h1: float, h3: float, *, side: int = 0) -> Inputs:
     """Lower and upper level in cm on one side, little on the other."""
     levels = (h1, 2.0, h3, 0.5) if side == 0 else (2.0, h1, 0.5, h3)
     return but(HEALTHY, "measurement", level_V=tuple(h / 2.0 for h in levels))
 
 
 @pytest.mark.parametrize("side", [0, 1])
-def test_a_tank_that_would_still_rise_to_the_rim_trips_before_its_level_does(side):
+def test_a_tank_that_would_still_rise_to_the_rim_trips_before_its_level_does(side: int) -> None:
     idle = but(standing_at(18.0, 19.0, side=side), "pumps", applied_V=(0.0, 0.0))
     rim = replace(LIMITS, rim_margin_cm=0.0)
     off = replace(RUNNING, command_V=(0.0, 0.0))
@@ -202,7 +213,7 @@ def test_a_tank_that_would_still_rise_to_the_rim_trips_before_its_level_does(sid
 
 
 @pytest.mark.parametrize("tank", [2, 3])
-def test_a_peak_just_at_the_margin_is_good(tank):
+def test_a_peak_just_at_the_margin_is_good(tank: int) -> None:
     idle = but(HEALTHY, "pumps", applied_V=(0.0, 0.0))
     limits = replace(LIMITS, level_max_cm=20.0, lag_s=0.0)
     levels = [9.0] * 4
@@ -212,7 +223,7 @@ def test_a_peak_just_at_the_margin_is_good(tank):
         assert cause_of(inputs, limits=limits, state=replace(RUNNING, command_V=(0.0, 0.0))) is cause
 
 
-def test_what_the_pumps_still_deliver_counts_whoever_says_so():
+def test_what_the_pumps_still_deliver_counts_whoever_says_so() -> None:
     """Command, applied voltage and the lagging flow: the largest of them is on its way."""
     brim = but(standing_at(2.0, 18.9), "pumps", applied_V=(0.0, 0.0))
     off = replace(RUNNING, command_V=(0.0, 0.0))
@@ -228,7 +239,7 @@ def test_what_the_pumps_still_deliver_counts_whoever_says_so():
 
 
 @pytest.mark.parametrize("side", [0, 1])
-def test_a_blocked_outlet_brings_down_all_that_stands_above(side):
+def test_a_blocked_outlet_brings_down_all_that_stands_above(side: int) -> None:
     shares = (0.02, 1.0) if side == 0 else (1.0, 0.02)
     inputs = standing_at(17.5, 2.5, side=side)
     assert cause_of(inputs) is None
@@ -250,7 +261,7 @@ def test_a_blocked_outlet_brings_down_all_that_stands_above(side):
         ((0.0, 1.0), (3.0, 3.0), None),
     ],
 )
-def test_both_pumps_without_effect_and_one_driven_run_dry(theta, applied, cause):
+def test_both_pumps_without_effect_and_one_driven_run_dry(theta: Pair, applied: Pair, cause: TripCause | None) -> None:
     assert cause_of(but(HEALTHY, "pumps", applied_V=applied), believing(Diagnosis(theta))) is cause
 
 
@@ -266,13 +277,15 @@ def test_both_pumps_without_effect_and_one_driven_run_dry(theta, applied, cause)
         ((1.0, 0.1), (True, False), (0.0, 3.0), None),
     ],
 )
-def test_a_dead_pump_beside_one_that_stands_still_is_no_proof_of_water(theta, unproven, applied, cause):
+def test_a_dead_pump_beside_one_that_stands_still_is_no_proof_of_water(
+    theta: Pair, unproven: tuple[bool, bool], applied: Pair, cause: TripCause | None
+) -> None:
     diagnosis = Diagnosis(theta, unproven=unproven)
     assert cause_of(but(HEALTHY, "pumps", applied_V=applied), believing(diagnosis)) is cause
 
 
 @pytest.mark.parametrize("theta", [(0.1 - JUST, 1.0), (1.0, 0.1 - JUST), (0.0, 0.0)])
-def test_a_dead_pump_stops_the_run_if_so_configured(theta):
+def test_a_dead_pump_stops_the_run_if_so_configured(theta: Pair) -> None:
     stops = replace(LIMITS, stops_on_dead_pump=True)
     off = but(HEALTHY, "pumps", applied_V=(0.0, 0.0))
     state, events = after(off, believing(Diagnosis(theta)), limits=stops)
@@ -284,7 +297,7 @@ def test_a_dead_pump_stops_the_run_if_so_configured(theta):
 
 
 @pytest.mark.parametrize("sensor", range(4))
-def test_a_lost_lower_level_stops_the_run_if_so_configured(sensor):
+def test_a_lost_lower_level_stops_the_run_if_so_configured(sensor: int) -> None:
     stops = replace(LIMITS, stops_on_lost_lower_level=True)
     off = but(HEALTHY, "pumps", applied_V=(0.0, 0.0))
     lost = Diagnosis(trusted=tuple(one != sensor for one in range(4)), level_V=(2.0,) * 4)
@@ -304,21 +317,21 @@ def test_a_lost_lower_level_stops_the_run_if_so_configured(sensor):
     ("key", "limit", "cause"),
     [("refused_run", 5, TripCause.FRAMES_REFUSED), ("errors_per_s", 20, TripCause.ERROR_STORM)],
 )
-def test_counters_trip_at_their_limit(key, limit, cause):
+def test_counters_trip_at_their_limit(key: str, limit: int, cause: TripCause) -> None:
     for count, expected in ((0, None), (limit - 1, None), (limit, cause), (limit + 1, cause)):
         assert cause_of(but(HEALTHY, "bus", **{key: count})) is expected
 
 
 @pytest.mark.parametrize(("is_lossy", "limit_s"), [(False, 0.25), (True, 0.75)])
-def test_a_heartbeat_may_be_three_times_as_old_on_a_bus_that_loses_frames(is_lossy, limit_s):
+def test_a_heartbeat_may_be_three_times_as_old_on_a_bus_that_loses_frames(is_lossy: bool, limit_s: float) -> None:
     for age_s, cause in ((limit_s, None), (limit_s + JUST, TripCause.NODE_LOST)):
         assert cause_of(but(HEALTHY, "nodes", age_s=age_s, is_lossy=is_lossy)) is cause
 
 
 @pytest.mark.parametrize("pump", [0, 1])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_node_that_does_not_apply_what_it_echoes_trips_after_a_while(pump, sign):
-    def short(volts):
+def test_a_node_that_does_not_apply_what_it_echoes_trips_after_a_while(pump: int, sign: float) -> None:
+    def short(volts) -> Inputs:
         return but(HEALTHY, "pumps", shortfall_V=tuple(sign * volts if i == pump else 0.0 for i in (0, 1)))
 
     for begun_ns in (0, NOW_NS):
@@ -338,7 +351,7 @@ def test_a_node_that_does_not_apply_what_it_echoes_trips_after_a_while(pump, sig
 # bypasses
 
 
-def bypass(interlock=TripCause.ESTIMATOR_DIVERGED, for_s=60.0):
+def bypass(interlock: TripCause | None = TripCause.ESTIMATOR_DIVERGED, for_s: float = 60.0) -> Request:
     return Request(Action.BYPASS, interlock=interlock, for_s=for_s)
 
 
@@ -346,7 +359,7 @@ DIVERGED = believing(Diagnosis(is_diverged=True))
 
 
 @pytest.mark.parametrize(("for_s", "lasts_s"), [(1.5, 1.5), (600.0, 600.0), (600.1, 600.0), (1e9, 600.0)])
-def test_a_bypass_is_logged_and_ends_by_itself_within_ten_minutes(for_s, lasts_s):
+def test_a_bypass_is_logged_and_ends_by_itself_within_ten_minutes(for_s: float, lasts_s: float) -> None:
     state, (event,) = after(replace(HEALTHY, requests=(bypass(for_s=for_s),)), DIVERGED)
     assert (event.code, event.severity) == ("bypass", Severity.WARNING)
     assert event.data == {"interlock": "estimator_diverged", "for_s": lasts_s}
@@ -362,7 +375,7 @@ def test_a_bypass_is_logged_and_ends_by_itself_within_ten_minutes(for_s, lasts_s
     assert events[0].text == "estimator_diverged counts again"
 
 
-def test_a_bypass_leaves_out_one_interlock_only():
+def test_a_bypass_leaves_out_one_interlock_only() -> None:
     state, _ = after(replace(HEALTHY, requests=(bypass(),)), DIVERGED)
     for name, cause, fault in FAULTS:
         assert cause_of(fault(HEALTHY), DIVERGED, state=state) is cause, name
@@ -380,14 +393,14 @@ def test_a_bypass_leaves_out_one_interlock_only():
     assert [e.code for e in events if e.code != "mode"] == ["bypass_end"]
 
 
-def test_a_bypass_asked_for_again_lasts_anew():
+def test_a_bypass_asked_for_again_lasts_anew() -> None:
     state, _ = after(replace(HEALTHY, requests=(bypass(for_s=10.0),)))
     state, _ = after(replace(HEALTHY, requests=(bypass(for_s=5.0),)), state=state, now_ns=NOW_NS + 8 * SECOND)
     assert state.bypasses == ((TripCause.ESTIMATOR_DIVERGED, NOW_NS + 13 * SECOND),)
 
 
 @pytest.mark.parametrize("cause", [None, *(c for c in TripCause if c not in BYPASSABLE)])
-def test_an_interlock_without_which_nothing_is_safe_can_not_be_bypassed(cause):
+def test_an_interlock_without_which_nothing_is_safe_can_not_be_bypassed(cause: TripCause | None) -> None:
     state, (event,) = after(replace(HEALTHY, requests=(bypass(cause),)))
     assert state == RUNNING
     assert (event.code, event.severity) == ("refused", Severity.WARNING)
@@ -396,19 +409,19 @@ def test_an_interlock_without_which_nothing_is_safe_can_not_be_bypassed(cause):
 
 
 @pytest.mark.parametrize("for_s", [0.0, -1.0, math.nan, math.inf])
-def test_a_bypass_for_no_time_or_for_ever_is_refused(for_s):
+def test_a_bypass_for_no_time_or_for_ever_is_refused(for_s: float) -> None:
     state, (event,) = after(replace(HEALTHY, requests=(bypass(for_s=for_s),)))
     assert state.bypasses == ()
     assert "is no time" in event.text
 
 
-def test_a_request_that_names_an_interlock_is_no_bypass_by_that():
+def test_a_request_that_names_an_interlock_is_no_bypass_by_that() -> None:
     wish = Request(Action.MANUAL, interlock=TripCause.DRY_RUN, for_s=5.0)
     state, _ = after(replace(HEALTHY, requests=(wish,)))
     assert (state.mode, state.bypasses) == (Mode.MANUAL, ())
 
 
-def test_a_bypassed_interlock_does_not_keep_the_rig_from_arming():
+def test_a_bypassed_interlock_does_not_keep_the_rig_from_arming() -> None:
     waiting = Supervision(bypasses=((TripCause.ERROR_STORM, NOW_NS + SECOND),))
     storm = but(READY, "bus", errors_per_s=50)
     assert after(storm, state=waiting)[0].mode is Mode.READY
@@ -418,7 +431,7 @@ def test_a_bypassed_interlock_does_not_keep_the_rig_from_arming():
 # clearing
 
 
-def test_clearing_while_the_cause_stands_is_refused_and_says_why():
+def test_clearing_while_the_cause_stands_is_refused_and_says_why() -> None:
     tripped = Supervision(Mode.TRIPPED, TripCause.HIGH_LEVEL)
     inputs = replace(level(READY, 0, 9.6), requests=(Request(Action.CLEAR),))
     state, (event,) = after(inputs, state=tripped)
@@ -428,7 +441,7 @@ def test_clearing_while_the_cause_stands_is_refused_and_says_why():
     assert event.text.startswith("clear refused: a tank is about to overflow: levels of 19.20")
 
 
-def test_clearing_ends_disarmed_and_takes_the_nodes_own_trip_along():
+def test_clearing_ends_disarmed_and_takes_the_nodes_own_trip_along() -> None:
     tripped = Supervision(Mode.TRIPPED, TripCause.NODE_TRIPPED)
     inputs = but(replace(READY, requests=(Request(Action.CLEAR),)), "pumps", state=NodeState.TRIPPED)
     state, (event,) = after(inputs, state=tripped)
@@ -443,7 +456,7 @@ def test_clearing_ends_disarmed_and_takes_the_nodes_own_trip_along():
 
 
 @pytest.mark.parametrize("mode", [Mode.DISARMED, Mode.READY, Mode.TRIPPED])
-def test_a_stop_while_nothing_moves_is_kept(mode):
+def test_a_stop_while_nothing_moves_is_kept(mode: Mode) -> None:
     state, _ = after(replace(READY, requests=(Request(Action.STOP),)), state=Supervision(mode))
     assert state.stopped_by == "operator"
     if mode is not Mode.TRIPPED:
@@ -457,7 +470,7 @@ def test_a_stop_while_nothing_moves_is_kept(mode):
 
 @pytest.mark.parametrize("volts", [(-JUST, 1.0), (1.0, 10.0 + JUST), (math.nan, 1.0), (1.0, math.inf)])
 @pytest.mark.parametrize("mode", [Mode.RUNNING, Mode.MANUAL])
-def test_manual_voltages_out_of_range_are_refused_and_change_nothing(mode, volts):
+def test_manual_voltages_out_of_range_are_refused_and_change_nothing(mode: Mode, volts: Pair) -> None:
     before = Supervision(mode, None, (3.0, 3.0), manual_V=(3.5, 3.5))
     state, events = after(replace(HEALTHY, requests=(Request(Action.MANUAL, voltage_V=volts),)), state=before)
     assert state == before
@@ -465,13 +478,13 @@ def test_manual_voltages_out_of_range_are_refused_and_change_nothing(mode, volts
     assert events[0].text == f"manual refused: {volts} V is outside 0..10 V"
 
 
-def test_the_ends_of_the_range_can_be_asked_for():
+def test_the_ends_of_the_range_can_be_asked_for() -> None:
     wish = Request(Action.MANUAL, voltage_V=(0.0, 10.0))
     state, _ = after(replace(HEALTHY, requests=(wish,)))
     assert (state.mode, state.manual_V) == (Mode.MANUAL, (0.0, 10.0))
 
 
-def test_what_is_refused_names_mode_and_action():
+def test_what_is_refused_names_mode_and_action() -> None:
     _, (event,) = after(replace(HEALTHY, requests=(Request(Action.AUTO),)))
     assert event.text == "auto refused: not while RUNNING"
     assert event.data == {"action": "auto", "reason": "not while RUNNING"}
@@ -516,7 +529,7 @@ STEPS = st.tuples(
 
 @settings(max_examples=150, deadline=None)
 @given(st.lists(STEPS, max_size=60), st.sampled_from([LIMITS, replace(LIMITS, stops_on_dead_pump=True)]))
-def test_no_history_leaves_range_or_rate_or_forgets_a_trip(history, limits):
+def test_no_history_leaves_range_or_rate_or_forgets_a_trip(history, limits) -> None:
     state, now_ns = Supervision(), 0
     for base, faults, requests, diagnosis, stop, seconds, wanted_V in history:
         now_ns += seconds * SECOND
@@ -543,6 +556,6 @@ def test_no_history_leaves_range_or_rate_or_forgets_a_trip(history, limits):
             assert now_ns <= until_ns <= now_ns + 600 * SECOND
 
 
-def test_the_bench_is_sound():
+def test_the_bench_is_sound() -> None:
     assert LIMITS.model == BENCH
     assert HEALTHY.measurement.valid == ALL

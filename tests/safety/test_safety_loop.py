@@ -2,49 +2,63 @@
 
 import math
 from dataclasses import replace
+from typing import NoReturn
 
 import pytest
 
 from firmware_sim import frames as node
 from hil.core import controller
+from hil.core.closed_loop import LoopState
 from hil.core.diagnosis.ideal import NoDetector
-from hil.core.types import Mode, Timing, TripCause
-from tests.safety.safety_bench import CONTRACT, LIMITS, MS, PERIOD_NS, REST_V, START_NS, LoopBench, config, raw_command
+from hil.core.estimator import Estimate
+from hil.core.types import Event, Measurement, Mode, Pair, Timing, TripCause
+from tests.safety.safety_bench import (
+    CONTRACT,
+    LIMITS,
+    MS,
+    PERIOD_NS,
+    REST_V,
+    START_NS,
+    LoopBench,
+    SentCommand,
+    config,
+    raw_command,
+)
 
 
 class Saboteur(NoDetector):
     """A detector that raises, or that reports an impossible effectiveness, once armed."""
 
-    def __init__(self, damage):
+    def __init__(self, damage) -> None:
         self.damage = damage
         self.armed = False
 
-    def step(self, memory, t_s, measurement, estimate, applied_V):
+    def step(self, memory, t_s: float, measurement: Measurement, estimate: Estimate, applied_V: Pair):
         memory, diagnosis = super().step(memory, t_s, measurement, estimate, applied_V)
         return memory, self.damage(diagnosis) if self.armed else diagnosis
 
 
-def raises(error):
-    def damage(_diagnosis):
+def raises(error: Exception):
+    def damage(_diagnosis) -> NoReturn:
         raise error
 
     return damage
 
 
-def saboteur_bench(damage):
+def saboteur_bench(damage) -> LoopBench:
     saboteur = Saboteur(damage)
     bench = LoopBench(config(detector=saboteur)).run()
     saboteur.armed = True
     return bench
 
 
-def assert_off(command):
+def assert_off(command: SentCommand) -> None:
     assert command.voltage_V == (0.0, 0.0)
     assert not command.enable
     assert not command.clear
 
 
-def test_the_pumps_are_enabled_only_after_two_healthy_steps():
+def test_the_pumps_are_enabled_only_after_two_healthy_steps() -> None:
     bench = LoopBench()
     bench.step()
     assert bench.mode is Mode.READY
@@ -54,7 +68,7 @@ def test_the_pumps_are_enabled_only_after_two_healthy_steps():
     assert bench.port.sent[1].voltage_V == pytest.approx((2.0, 2.0), abs=1e-3)
 
 
-def test_every_tick_sends_one_command_and_records_it():
+def test_every_tick_sends_one_command_and_records_it() -> None:
     bench = LoopBench().run()
     assert [c.at_ns for c in bench.port.sent] == [START_NS + n * PERIOD_NS for n in range(8)]
     assert [c.counter for c in bench.port.sent] == list(range(8))
@@ -71,7 +85,7 @@ def test_every_tick_sends_one_command_and_records_it():
 @pytest.mark.parametrize(
     "error", [RuntimeError("a bug"), ZeroDivisionError("division"), KeyError("x"), MemoryError(), RecursionError()]
 )
-def test_whatever_a_step_raises_the_same_tick_sends_0_volts(error):
+def test_whatever_a_step_raises_the_same_tick_sends_0_volts(error: Exception) -> None:
     bench = saboteur_bench(raises(error))
     bench.step()
     assert bench.last.at_ns == bench.now_ns
@@ -90,11 +104,11 @@ def test_whatever_a_step_raises_the_same_tick_sends_0_volts(error):
 
 
 @pytest.mark.parametrize("nonsense", [math.nan, math.inf, -math.inf])
-def test_a_law_that_asks_for_no_number_trips_in_the_same_tick(nonsense, monkeypatch):
+def test_a_law_that_asks_for_no_number_trips_in_the_same_tick(nonsense: float, monkeypatch: pytest.MonkeyPatch) -> None:
     bench = LoopBench().run()
     original = controller.closed_loop.step
 
-    def broken(*arguments):
+    def broken(*arguments) -> tuple[LoopState, tuple[Event, ...]]:
         loop, events = original(*arguments)
         return replace(loop, raw_V=(3.0, nonsense)), events
 
@@ -106,7 +120,7 @@ def test_a_law_that_asks_for_no_number_trips_in_the_same_tick(nonsense, monkeypa
     assert "the control law asked for" in bench.recorder.events[-1][1].text
 
 
-def test_an_impossible_diagnosis_trips():
+def test_an_impossible_diagnosis_trips() -> None:
     bench = saboteur_bench(lambda diagnosis: replace(diagnosis, effectiveness=(math.nan, 1.0)))
     bench.step()
     assert_off(bench.last)
@@ -114,7 +128,7 @@ def test_an_impossible_diagnosis_trips():
     assert bench.cause is TripCause.CONTROLLER_FAILED
 
 
-def test_a_command_that_can_not_be_encoded_trips():
+def test_a_command_that_can_not_be_encoded_trips() -> None:
     """Limits wider than the wire's range, say: the encoder is the last to refuse."""
     bench = LoopBench(replace(config(), limits=replace(LIMITS, range_V=(0.0, 12.0), rate_V_s=1e6)))
     bench.step(3)
@@ -125,7 +139,7 @@ def test_a_command_that_can_not_be_encoded_trips():
     assert [c.counter for c in bench.port.sent] == list(range(len(bench.port.sent)))
 
 
-def test_the_first_cause_stays_when_more_goes_wrong():
+def test_the_first_cause_stays_when_more_goes_wrong() -> None:
     bench = LoopBench().run()
     bench.loop.receive(raw_command(9.0, 9.0), bench.now_ns + MS)
     bench.step()
@@ -139,19 +153,19 @@ def test_the_first_cause_stays_when_more_goes_wrong():
 
 
 def trip_causes():
-    def reboot(bench):
+    def reboot(bench) -> None:
         bench.boots["levels"] += 1
 
-    def wrong_contract(bench):
+    def wrong_contract(bench) -> None:
         bench.contract ^= 1
 
-    def node_tripped(bench):
+    def node_tripped(bench) -> None:
         bench.node_tripped = True
 
-    def high(bench):
+    def high(bench) -> None:
         bench.levels_V = (*REST_V[:3], 9.6)
 
-    def bus(bench):
+    def bus(bench) -> None:
         bench.port.is_up = False
 
     return [
@@ -164,7 +178,7 @@ def trip_causes():
 
 
 @pytest.mark.parametrize(("damage", "cause"), trip_causes(), ids=lambda value: getattr(value, "__name__", str(value)))
-def test_what_a_frame_says_trips_in_the_tick_that_reads_it(damage, cause):
+def test_what_a_frame_says_trips_in_the_tick_that_reads_it(damage, cause: TripCause) -> None:
     bench = LoopBench().run()
     damage(bench)
     bench.step()
@@ -175,7 +189,7 @@ def test_what_a_frame_says_trips_in_the_tick_that_reads_it(damage, cause):
 
 @pytest.mark.parametrize("status", [1, 2, 3])
 @pytest.mark.parametrize("channel", range(4))
-def test_the_third_invalid_reading_in_a_row_trips(channel, status):
+def test_the_third_invalid_reading_in_a_row_trips(channel: int, status: int) -> None:
     bench = LoopBench().run()
     bad = tuple(node.ChannelStatus(status if i == channel else 0) for i in range(4))
     for _ in range(3):  # one or two are ridden out
@@ -200,7 +214,7 @@ def test_the_third_invalid_reading_in_a_row_trips(channel, status):
         ("LevelHeartbeat", TripCause.NODE_LOST, 0.25),
     ],
 )
-def test_silence_trips_within_its_age_and_a_period(silent, cause, limit_s):
+def test_silence_trips_within_its_age_and_a_period(silent: str, cause: TripCause, limit_s: float) -> None:
     bench = LoopBench().run()
     heard_ns = bench.now_ns - 5 * MS
     bench.silent = {silent}
@@ -212,7 +226,7 @@ def test_silence_trips_within_its_age_and_a_period(silent, cause, limit_s):
     assert limit_s < silence_s <= limit_s + PERIOD_NS * 1e-9
 
 
-def test_commands_that_are_not_echoed_trip_within_half_a_second():
+def test_commands_that_are_not_echoed_trip_within_half_a_second() -> None:
     bench = LoopBench().run()
     bench.confirms = False
     settled_ns = bench.now_ns
@@ -223,7 +237,7 @@ def test_commands_that_are_not_echoed_trip_within_half_a_second():
     assert_off(bench.last)
 
 
-def test_unknown_levels_never_start_the_pumps():
+def test_unknown_levels_never_start_the_pumps() -> None:
     bench = LoopBench()
     bench.silent = {"UpperLevels"}
     bench.step(8)
@@ -233,7 +247,7 @@ def test_unknown_levels_never_start_the_pumps():
 
 
 @pytest.mark.parametrize("channel", range(4))
-def test_invalid_levels_never_start_the_pumps(channel):
+def test_invalid_levels_never_start_the_pumps(channel: int) -> None:
     bench = LoopBench()
     bench.statuses = tuple(node.ChannelStatus(1 if i == channel else 0) for i in range(4))
     bench.step(8)
@@ -241,7 +255,7 @@ def test_invalid_levels_never_start_the_pumps(channel):
     assert not any(c.enable for c in bench.port.sent)
 
 
-def test_a_rig_that_never_becomes_ready_ends_the_run_with_the_reason():
+def test_a_rig_that_never_becomes_ready_ends_the_run_with_the_reason() -> None:
     bench = LoopBench(arm_timeout_s=0.5)
     bench.node_tripped = True
     bench.step(6)
@@ -253,7 +267,7 @@ def test_a_rig_that_never_becomes_ready_ends_the_run_with_the_reason():
     assert not any(c.enable or c.clear for c in bench.port.sent)
 
 
-def test_a_latched_node_is_cleared_only_on_request_and_only_while_disarmed():
+def test_a_latched_node_is_cleared_only_on_request_and_only_while_disarmed() -> None:
     bench = LoopBench(clear_trip=True)
     bench.node_tripped = True
     bench.step(3)
@@ -268,7 +282,7 @@ def test_a_latched_node_is_cleared_only_on_request_and_only_while_disarmed():
     assert not any(c.clear for c in bench.port.sent[-3:])
 
 
-def test_a_trip_ends_the_run_once_the_node_confirms_0_volts():
+def test_a_trip_ends_the_run_once_the_node_confirms_0_volts() -> None:
     bench = LoopBench().run()
     bench.levels_V = (*REST_V[:3], 9.6)
     bench.step()
@@ -283,7 +297,7 @@ def test_a_trip_ends_the_run_once_the_node_confirms_0_volts():
     assert outcome.frames_lost == 0
 
 
-def test_a_node_that_never_confirms_is_named_in_the_outcome():
+def test_a_node_that_never_confirms_is_named_in_the_outcome() -> None:
     bench = LoopBench().run()
     bench.silent = {"PumpStatus"}
     first = len(bench.port.sent)
@@ -293,7 +307,7 @@ def test_a_node_that_never_confirms_is_named_in_the_outcome():
     assert len(bench.port.sent) - first < 20
 
 
-def test_a_stop_ramps_down_and_waits_for_0_volts():
+def test_a_stop_ramps_down_and_waits_for_0_volts() -> None:
     bench = LoopBench().run()
     running_V = bench.last.voltage_V
     while bench.loop.outcome is None:
@@ -304,7 +318,7 @@ def test_a_stop_ramps_down_and_waits_for_0_volts():
     assert_off(bench.last)
 
 
-def test_a_stop_before_the_start_ends_at_once():
+def test_a_stop_before_the_start_ends_at_once() -> None:
     bench = LoopBench()
     bench.silent = {"LowerLevels"}
     bench.step(2)
@@ -313,7 +327,7 @@ def test_a_stop_before_the_start_ends_at_once():
     assert not any(c.enable for c in bench.port.sent)
 
 
-def test_a_run_that_is_over_is_complete():
+def test_a_run_that_is_over_is_complete() -> None:
     bench = LoopBench(replace(config(), duration_s=0.5))
     while bench.loop.outcome is None:
         bench.step()
@@ -321,7 +335,7 @@ def test_a_run_that_is_over_is_complete():
     assert_off(bench.last)
 
 
-def test_make_safe_sends_0_volts_whatever_happened_before():
+def test_make_safe_sends_0_volts_whatever_happened_before() -> None:
     bench = LoopBench().run()
     bench.loop.make_safe(bench.now_ns + MS)
     assert_off(bench.last)
@@ -331,7 +345,7 @@ def test_make_safe_sends_0_volts_whatever_happened_before():
     assert_off(early.last)
 
 
-def test_frames_that_did_not_go_out_are_not_recorded():
+def test_frames_that_did_not_go_out_are_not_recorded() -> None:
     bench = LoopBench()
     bench.port.is_up = False
     bench.step(3)
@@ -340,7 +354,7 @@ def test_frames_that_did_not_go_out_are_not_recorded():
     assert bench.mode is Mode.DISARMED
 
 
-def test_watcher_and_true_levels_see_every_step():
+def test_watcher_and_true_levels_see_every_step() -> None:
     watched = []
     bench = LoopBench(
         true_level_cm=lambda: (1.0, 2.0, 3.0, 4.0), on_tick=lambda inputs, _output, mode: watched.append((inputs, mode))
@@ -351,10 +365,10 @@ def test_watcher_and_true_levels_see_every_step():
     assert bench.recorder.true_levels == [(1.0, 2.0, 3.0, 4.0)] * 8
 
 
-def test_a_watcher_that_fails_is_left_behind_and_the_run_goes_on():
+def test_a_watcher_that_fails_is_left_behind_and_the_run_goes_on() -> None:
     calls = []
 
-    def watcher(*_):
+    def watcher(*_) -> None:
         calls.append(1)
         raise RuntimeError("no screen")
 
@@ -365,7 +379,7 @@ def test_a_watcher_that_fails_is_left_behind_and_the_run_goes_on():
 
 
 @pytest.mark.parametrize("kind", ["is_extended_id", "is_error_frame", "is_remote_frame", "is_fd"])
-def test_a_frame_that_is_not_plain_is_kept_as_it_came_and_changes_nothing(kind):
+def test_a_frame_that_is_not_plain_is_kept_as_it_came_and_changes_nothing(kind: str) -> None:
     bench = LoopBench().run()
     odd = raw_command(9.0, 9.0)
     setattr(odd, kind, True)

@@ -15,18 +15,18 @@ from tests.safety.safety_bench import CONTRACT, HEALTHY, LIMITS, MS, PERIOD_NS, 
     ("is_lossy", "age_s", "trips"),
     [(False, 0.25, False), (False, 0.2501, True), (True, 0.2501, False), (True, 0.75, False), (True, 0.7501, True)],
 )
-def test_a_heartbeat_may_be_three_times_as_old_on_a_lossy_bus(is_lossy, age_s, trips):
+def test_a_heartbeat_may_be_three_times_as_old_on_a_lossy_bus(is_lossy: bool, age_s: float, trips: bool) -> None:
     assert LIMITS.heartbeat_age_max_s * LOSSY_PATIENCE == pytest.approx(0.75)
     inputs = but(HEALTHY, "nodes", age_s=age_s, is_lossy=is_lossy)
     state, _ = supervisor.next_mode(LIMITS, Supervision(mode=Mode.RUNNING), inputs, 0)
     assert (state.mode is Mode.TRIPPED, state.cause is TripCause.NODE_LOST) == (trips, trips)
 
 
-def test_a_bus_is_lossy_for_two_seconds_after_a_frame_was_missing():
+def test_a_bus_is_lossy_for_two_seconds_after_a_frame_was_missing() -> None:
     frames = LoopBench()
     receiver = Receiver(CONTRACT, CommandSender(CONTRACT), (0.0, 10.24))
 
-    def hear(counter, at_ns):
+    def hear(counter, at_ns) -> bool:
         frames.counter = counter
         for frame in frames.frames().values():
             receiver.take(frame, at_ns)
@@ -39,7 +39,7 @@ def test_a_bus_is_lossy_for_two_seconds_after_a_frame_was_missing():
     assert not receiver.nodes(200 * MS + LOSSY_NS + 1).is_lossy
 
 
-def test_after_somebody_elses_command_0_volts_are_sent_once_and_then_nothing():
+def test_after_somebody_elses_command_0_volts_are_sent_once_and_then_nothing() -> None:
     """0 V again and again would keep the node's watchdog from tripping it."""
     bench = LoopBench().run()
     bench.loop.receive(raw_command(9.0, 9.0), bench.now_ns + MS)

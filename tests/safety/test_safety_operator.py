@@ -7,13 +7,14 @@ from itertools import pairwise
 import pytest
 
 from hil.core.diagnosis.ideal import NoDetector
-from hil.core.types import Action, Diagnosis, Mode, Request, TripCause
+from hil.core.interlocks import Limits
+from hil.core.types import Action, Diagnosis, Mode, Pair, Request, TripCause
 from tests.safety.safety_bench import LIMITS, MS, PERIOD_NS, PERIOD_S, REST_V, VERDICTS, LoopBench, config, raw_command
 
 MANUAL, AUTO, CLEAR, STOP = (Request(a) for a in (Action.MANUAL, Action.AUTO, Action.CLEAR, Action.STOP))
 
 
-def bench(*schedule, verdict=None, **changes) -> LoopBench:
+def bench(*schedule: tuple[float, Request], verdict: Diagnosis | None = None, **changes: Limits | float) -> LoopBench:
     """A loop whose operator asks (at_s, request), with a detector that may be told what to say."""
     detector = Told(verdict)
     limits = changes.pop("limits", LIMITS)
@@ -27,29 +28,29 @@ def bench(*schedule, verdict=None, **changes) -> LoopBench:
 class Told(NoDetector):
     """Says what it is told."""
 
-    def __init__(self, verdict):
+    def __init__(self, verdict: Diagnosis | None) -> None:
         self.verdict = verdict
 
-    def step(self, memory, *_):
+    def step(self, memory, *_: float):
         return memory, self.verdict or Diagnosis()
 
 
-def records(loop, mode=None):
+def records(loop: LoopBench, mode: Mode | None = None):
     return [r for r in loop.recorder.ticks if mode is None or r.mode is mode]
 
 
-def events(loop, code):
+def events(loop: LoopBench, code: str):
     return [(round(t_s, 6), event) for t_s, event in loop.recorder.events if event.code == code]
 
 
-def test_a_request_is_heeded_in_the_first_step_at_or_after_its_time():
+def test_a_request_is_heeded_in_the_first_step_at_or_after_its_time() -> None:
     loop = bench((1.0, MANUAL), (1.55, AUTO), (2.0, MANUAL), (2.0, STOP))
     loop.step(40)
     moves = [(t_s, event.text) for t_s, event in events(loop, "mode")][2:]
     assert moves == [(1.0, "RUNNING -> MANUAL"), (1.6, "MANUAL -> RUNNING"), (2.0, "RUNNING -> STOPPING")]
 
 
-def test_manual_begins_with_the_voltages_in_force_and_moves_at_the_rate_limit():
+def test_manual_begins_with_the_voltages_in_force_and_moves_at_the_rate_limit() -> None:
     loop = bench((1.0, MANUAL), (2.0, Request(Action.MANUAL, voltage_V=(8.0, 0.5))))
     loop.step(31)
     before = next(r for r in records(loop) if round(r.t_s, 6) == 0.9)
@@ -63,7 +64,7 @@ def test_manual_begins_with_the_voltages_in_force_and_moves_at_the_rate_limit():
 
 
 @pytest.mark.parametrize("theta", [(1.0, 1.0), (0.5, 0.8)])
-def test_manual_is_left_without_a_bump(theta):
+def test_manual_is_left_without_a_bump(theta: Pair) -> None:
     """The law, at work again, asks for what the operator had; pumps that lost gain included."""
     loop = bench((1.0, Request(Action.MANUAL, voltage_V=(5.0, 1.5))), (4.0, AUTO), verdict=Diagnosis(theta))
     loop.step(45)
@@ -76,7 +77,7 @@ def test_manual_is_left_without_a_bump(theta):
 
 
 @pytest.mark.parametrize(("name", "cause", "verdict"), VERDICTS, ids=[v[0] for v in VERDICTS])
-def test_manual_keeps_every_interlock_of_the_diagnosis(name, cause, verdict):
+def test_manual_keeps_every_interlock_of_the_diagnosis(name: str, cause: TripCause, verdict: Diagnosis) -> None:
     loop = bench((1.0, MANUAL))
     loop.step(15)
     assert loop.mode is Mode.MANUAL
@@ -87,14 +88,14 @@ def test_manual_keeps_every_interlock_of_the_diagnosis(name, cause, verdict):
     assert loop.last.voltage_V == (0.0, 0.0)
 
 
-def test_an_operators_stop_ramps_down_and_says_who_asked():
+def test_an_operators_stop_ramps_down_and_says_who_asked() -> None:
     loop = bench((1.0, STOP))
     while loop.loop.outcome is None:
         loop.step()
     assert (loop.loop.outcome.status, loop.loop.outcome.reason) == ("stopped", "operator")
 
 
-def test_a_dead_pump_stops_the_run_if_so_configured():
+def test_a_dead_pump_stops_the_run_if_so_configured() -> None:
     loop = bench(limits=replace(LIMITS, stops_on_dead_pump=True))
     loop.step(10)
     loop.detector.verdict = Diagnosis((0.0, 1.0))
@@ -103,7 +104,7 @@ def test_a_dead_pump_stops_the_run_if_so_configured():
     assert (loop.loop.outcome.status, loop.loop.outcome.reason) == ("stopped", "pump_dead")
 
 
-def trip_and_heal(loop, steps=3):
+def trip_and_heal(loop: LoopBench, steps: int = 3) -> None:
     """Run for a second, flood a tank for some steps."""
     loop.step(12)
     healthy, loop.levels_V = loop.levels_V, (*REST_V[:3], 9.6)
@@ -112,7 +113,7 @@ def trip_and_heal(loop, steps=3):
     loop.levels_V = healthy
 
 
-def test_a_trip_ends_the_run_unless_it_is_to_be_cleared_later():
+def test_a_trip_ends_the_run_unless_it_is_to_be_cleared_later() -> None:
     plain = bench()
     trip_and_heal(plain)
     plain.step()
@@ -130,7 +131,7 @@ def test_a_trip_ends_the_run_unless_it_is_to_be_cleared_later():
     assert max(again[0].command_V) <= LIMITS.rate_V_s * PERIOD_S + 1e-9
 
 
-def test_a_clear_that_comes_while_the_cause_stands_is_refused_and_the_run_ends_if_it_was_the_last():
+def test_a_clear_that_comes_while_the_cause_stands_is_refused_and_the_run_ends_if_it_was_the_last() -> None:
     loop = bench((1.6, CLEAR), (3.0, CLEAR))
     trip_and_heal(loop, steps=8)
     loop.step(2)
@@ -145,14 +146,14 @@ def test_a_clear_that_comes_while_the_cause_stands_is_refused_and_the_run_ends_i
 
 
 @pytest.mark.parametrize("at_s", [0.5, 30.0])
-def test_a_clear_in_the_past_or_after_the_end_keeps_no_run_waiting(at_s):
+def test_a_clear_in_the_past_or_after_the_end_keeps_no_run_waiting(at_s: float) -> None:
     loop = bench((at_s, CLEAR), duration_s=20.0)
     trip_and_heal(loop)
     loop.step(2)
     assert loop.loop.outcome.status == "tripped"
 
 
-def test_a_stop_asked_for_while_tripped_ends_the_run():
+def test_a_stop_asked_for_while_tripped_ends_the_run() -> None:
     by_operator = bench((2.0, STOP), (9.0, CLEAR))
     trip_and_heal(by_operator)
     by_operator.step(5)
@@ -165,7 +166,7 @@ def test_a_stop_asked_for_while_tripped_ends_the_run():
     assert by_signal.loop.outcome.status == "tripped"
 
 
-def disarmed_for_good(**changes) -> LoopBench:
+def disarmed_for_good(**changes: float) -> LoopBench:
     """Tripped, cleared, and then a node that does not fit."""
     loop = bench((1.5, CLEAR), **changes)
     trip_and_heal(loop, steps=2)
@@ -175,7 +176,7 @@ def disarmed_for_good(**changes) -> LoopBench:
     return loop
 
 
-def test_a_run_whose_trip_was_cleared_waits_for_the_rig_anew_and_no_longer_than_allowed():
+def test_a_run_whose_trip_was_cleared_waits_for_the_rig_anew_and_no_longer_than_allowed() -> None:
     loop = disarmed_for_good(arm_timeout_s=1.0)
     loop.step(10)
     assert (loop.mode, loop.loop.outcome) == (Mode.DISARMED, None)
@@ -184,7 +185,7 @@ def test_a_run_whose_trip_was_cleared_waits_for_the_rig_anew_and_no_longer_than_
     assert loop.loop.outcome.reason == "not ready within 1 s: a node was built for another DBC"
 
 
-def test_a_run_that_is_over_while_disarmed_is_complete():
+def test_a_run_that_is_over_while_disarmed_is_complete() -> None:
     loop = disarmed_for_good(arm_timeout_s=9.0, duration_s=2.0)
     while loop.loop.outcome is None:
         loop.step()
@@ -192,7 +193,7 @@ def test_a_run_that_is_over_while_disarmed_is_complete():
     assert loop.loop.outcome.t_s == pytest.approx(2.0)
 
 
-def test_an_operators_stop_while_disarmed_ends_the_run():
+def test_an_operators_stop_while_disarmed_ends_the_run() -> None:
     loop = bench((1.5, CLEAR), (1.6, STOP))
     trip_and_heal(loop, steps=2)
     while loop.loop.outcome is None:
@@ -200,7 +201,7 @@ def test_an_operators_stop_while_disarmed_ends_the_run():
     assert (loop.loop.outcome.status, loop.loop.outcome.reason) == ("stopped", "operator")
 
 
-def test_clearing_takes_the_nodes_trip_along():
+def test_clearing_takes_the_nodes_trip_along() -> None:
     loop = bench((3.0, CLEAR))
     loop.step(12)
     loop.node_tripped = True
@@ -216,7 +217,7 @@ def test_clearing_takes_the_nodes_trip_along():
     assert not loop.last.clear
 
 
-def test_a_foreign_command_and_a_reboot_stand_for_the_rest_of_the_run():
+def test_a_foreign_command_and_a_reboot_stand_for_the_rest_of_the_run() -> None:
     for spoil in (
         lambda b: b.loop.receive(raw_command(1.0, 1.0), b.now_ns + MS),
         lambda b: b.boots.update(levels=2),
@@ -229,7 +230,7 @@ def test_a_foreign_command_and_a_reboot_stand_for_the_rest_of_the_run():
         assert len(events(loop, "refused")) == 1
 
 
-def test_a_failed_step_keeps_what_was_seen_of_the_outlets():
+def test_a_failed_step_keeps_what_was_seen_of_the_outlets() -> None:
     loop = bench()
     loop.step(12)
     seen = loop.loop._state.outlets
@@ -240,7 +241,7 @@ def test_a_failed_step_keeps_what_was_seen_of_the_outlets():
     assert loop.now_ns - seen.watched_ns == PERIOD_NS
 
 
-def test_the_bus_says_why_it_is_gone():
+def test_the_bus_says_why_it_is_gone() -> None:
     loop = bench()
     loop.step(12)
     loop.port.is_up, loop.port.last_error = False, "No such device"

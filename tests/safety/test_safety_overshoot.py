@@ -11,18 +11,26 @@ from scipy.integrate import solve_ivp
 
 from hil.core.overshoot import LEAST_SHARE, Outlets, drained_peak, peak_levels, watch
 from hil.core.tanks import TankModel, equilibrium, level_rates
+from hil.core.types import Pair, Quad
 from tests.safety.safety_bench import BENCH
 
 SECOND = 1_000_000_000
 DT_NS = SECOND // 10
 
 
-def coasting(model, level_cm, pump_V=(0.0, 0.0), lag_s=0.0, outlets=(1.0, 1.0), for_s=400.0):
+def coasting(
+    model: TankModel,
+    level_cm: Quad,
+    pump_V: Pair = (0.0, 0.0),
+    lag_s: float = 0.0,
+    outlets: Pair = (1.0, 1.0),
+    for_s: float = 400.0,
+):
     """Highest levels with the pumps commanded to 0 V and their flow fading with the lag."""
     a1, a2, a3, a4 = model.outlet_cm2
     true = replace(model, outlet_cm2=(outlets[0] * a1, outlets[1] * a2, a3, a4))
 
-    def rates(t, h):
+    def rates(t, h) -> Quad:
         fading = math.exp(-t / lag_s) if lag_s else 0.0
         return level_rates(true, tuple(max(x, 0.0) for x in h), (pump_V[0] * fading, pump_V[1] * fading))
 
@@ -42,13 +50,15 @@ LEVELS = st.tuples(*[st.floats(0.01, 20.0)] * 4)
 
 @settings(max_examples=25, deadline=None)
 @given(MODELS, LEVELS)
-def test_without_lag_the_peak_is_that_of_the_equations(model, level_cm):
+def test_without_lag_the_peak_is_that_of_the_equations(model: TankModel, level_cm) -> None:
     assert peak_levels(model, 0.0, level_cm, (9.0, 9.0)) == pytest.approx(coasting(model, level_cm), abs=0.01)
 
 
 @settings(max_examples=25, deadline=None)
 @given(MODELS, LEVELS, st.tuples(st.floats(0.0, 10.0), st.floats(0.0, 10.0)), st.floats(0.05, 1.0))
-def test_with_lag_it_is_an_upper_bound_by_no_more_than_the_water_on_its_way(model, level_cm, pump_V, lag_s):
+def test_with_lag_it_is_an_upper_bound_by_no_more_than_the_water_on_its_way(
+    model: TankModel, level_cm, pump_V, lag_s: float
+) -> None:
     found = np.array(peak_levels(model, lag_s, level_cm, pump_V))
     true = coasting(model, level_cm, pump_V, lag_s)
     on_its_way_cm3 = lag_s * np.dot(model.pump_gain_cm3_Vs, pump_V)
@@ -58,12 +68,12 @@ def test_with_lag_it_is_an_upper_bound_by_no_more_than_the_water_on_its_way(mode
 
 @settings(max_examples=15, deadline=None)
 @given(LEVELS, st.tuples(st.floats(LEAST_SHARE, 1.0), st.floats(LEAST_SHARE, 1.0)))
-def test_outlets_that_are_partly_blocked_let_less_go(level_cm, shares):
+def test_outlets_that_are_partly_blocked_let_less_go(level_cm, shares) -> None:
     found = peak_levels(BENCH, 0.0, level_cm, (0.0, 0.0), shares)
     assert found == pytest.approx(coasting(BENCH, level_cm, outlets=shares), abs=0.01)
 
 
-def test_each_pump_fills_the_tanks_that_its_valve_feeds():
+def test_each_pump_fills_the_tanks_that_its_valve_feeds() -> None:
     at = equilibrium(BENCH, (3.0, 3.0))
     rest = np.array(peak_levels(BENCH, 0.2, at, (0.0, 0.0)))
     assert rest == pytest.approx(at)
@@ -75,7 +85,7 @@ def test_each_pump_fills_the_tanks_that_its_valve_feeds():
 
 
 @pytest.mark.parametrize(("alpha", "beta"), [(1.0, 1.0), (1.0, 2.0), (4.0, 1.0), (1.0, 4.0), (0.25, 4.0), (0.3, 0.05)])
-def test_the_closed_form_holds_for_real_double_and_complex_roots(alpha, beta):
+def test_the_closed_form_holds_for_real_double_and_complex_roots(alpha: float, beta: float) -> None:
     """alpha beta^2 = 4 makes the roots equal, and used to divide by nothing."""
     model = TankModel(area_cm2=(20.0, 30.0, 20.0 * alpha, 30.0), outlet_cm2=(0.05 * beta, 0.05, 0.05, 0.05))
     upper, lower = 18.0, 0.5 / beta**2
@@ -87,7 +97,13 @@ def test_the_closed_form_holds_for_real_double_and_complex_roots(alpha, beta):
     assert drained_peak(alpha, beta, upper, -1.0) == drained_peak(alpha, beta, upper, 0.0)
 
 
-def watched(outlets=(1.0, 1.0), seconds=30.0, model=BENCH, wrong=BENCH, noise=0.0):
+def watched(
+    outlets: Pair = (1.0, 1.0),
+    seconds: float = 30.0,
+    model: TankModel = BENCH,
+    wrong: TankModel = BENCH,
+    noise: float = 0.0,
+) -> Outlets:
     """Tanks near their equilibrium whose outlets become what they are; what is seen of them at the end."""
     rng = np.random.default_rng(4)
     a1, a2, a3, a4 = model.outlet_cm2
@@ -101,24 +117,24 @@ def watched(outlets=(1.0, 1.0), seconds=30.0, model=BENCH, wrong=BENCH, noise=0.
 
 
 @pytest.mark.parametrize("outlets", [(1.0, 1.0), (0.0, 1.0), (1.0, 0.0), (0.3, 0.6), (0.0, 0.0)])
-def test_what_is_seen_of_the_outlets_comes_near_the_truth(outlets):
+def test_what_is_seen_of_the_outlets_comes_near_the_truth(outlets: Pair) -> None:
     assert watched(outlets).share == pytest.approx(outlets, abs=0.02)
     assert watched(outlets, noise=0.005).share == pytest.approx(outlets, abs=0.1)
 
 
-def test_with_a_model_that_is_5_percent_wrong_a_clean_outlet_looks_clean():
+def test_with_a_model_that_is_5_percent_wrong_a_clean_outlet_looks_clean() -> None:
     wrong = replace(BENCH, area_cm2=(29.4, 30.4, 29.4, 30.4), pump_gain_cm3_Vs=(3.16, 3.18), valve_split=(0.67, 0.57))
     assert min(watched(wrong=wrong, noise=0.005).share) > 0.8
 
 
-def test_the_open_share_is_never_more_than_a_clean_outlet_nor_nothing():
+def test_the_open_share_is_never_more_than_a_clean_outlet_nor_nothing() -> None:
     assert Outlets((1.3, 0.7)).open_share == (1.0, 0.7)
     assert Outlets((0.7, 1.3)).open_share == (0.7, 1.0)
     assert Outlets((-0.2, 0.0)).open_share == (LEAST_SHARE, LEAST_SHARE)
     assert Outlets().open_share == (1.0, 1.0)
 
 
-def test_the_first_look_and_a_look_at_the_same_time_say_nothing():
+def test_the_first_look_and_a_look_at_the_same_time_say_nothing() -> None:
     at = equilibrium(BENCH, (3.0, 3.0))
     first = watch(BENCH, Outlets((0.5, 0.6)), at, (0.0, 0.0), SECOND)
     assert first == Outlets((0.5, 0.6), at[:2], SECOND)
@@ -127,7 +143,7 @@ def test_the_first_look_and_a_look_at_the_same_time_say_nothing():
 
 
 @pytest.mark.parametrize(("jump_cm", "extreme"), [(2.0, -1.0), (-2.0, 3.0)])
-def test_a_jump_of_a_level_is_a_sensors_matter_and_moves_it_little(jump_cm, extreme):
+def test_a_jump_of_a_level_is_a_sensors_matter_and_moves_it_little(jump_cm: float, extreme: float) -> None:
     """One step weighs a thirtieth, whatever it says."""
     at = equilibrium(BENCH, (3.0, 3.0))
     before = Outlets((1.0, 1.0), at[:2], SECOND)
@@ -136,13 +152,13 @@ def test_a_jump_of_a_level_is_a_sensors_matter_and_moves_it_little(jump_cm, extr
     assert after.share == pytest.approx((1.0 + (extreme - 1.0) / 30.0,) * 2)
 
 
-def test_after_a_stall_the_share_is_what_was_seen_over_it():
+def test_after_a_stall_the_share_is_what_was_seen_over_it() -> None:
     at = equilibrium(BENCH, (3.0, 3.0))
     after = watch(BENCH, Outlets((0.2, 0.2), at[:2], SECOND), at, (3.0, 3.0), 11 * SECOND)
     assert after.share == pytest.approx((1.0, 1.0))
 
 
-def test_a_shallow_tank_does_not_magnify_what_is_seen():
+def test_a_shallow_tank_does_not_magnify_what_is_seen() -> None:
     low = (0.01, 0.01, 0.0, 0.0)
     before = Outlets((1.0, 1.0), (0.01, 0.01), SECOND)
     after = watch(BENCH, before, low, (1.0, 1.0), SECOND + 3 * SECOND)

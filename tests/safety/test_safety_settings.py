@@ -1,6 +1,7 @@
 """Settings of the safety, and what an operator may ask for, as the files say them."""
 
 import tomllib
+from pathlib import Path
 
 import pytest
 
@@ -14,18 +15,18 @@ from tests.safety.safety_bench import LIMITS, ROOT
 HEAD = '[scenario]\nname = "asked"\nduration_s = 10.0\n'
 
 
-def scenario(tmp_path, more):
+def scenario(tmp_path: Path, more: str) -> Path:
     path = tmp_path / "asked.toml"
     path.write_text(HEAD + more)
     return path
 
 
-def asked(**keys):
+def asked(**keys: float | str) -> str:
     lines = "".join(f"{key} = {value}\n" for key, value in keys.items())
     return f"[[request]]\n{lines}"
 
 
-def test_requests_of_a_scenario_reach_the_controller(tmp_path):
+def test_requests_of_a_scenario_reach_the_controller(tmp_path: Path) -> None:
     path = scenario(
         tmp_path,
         asked(at_s=1.0, action='"manual"')
@@ -66,14 +67,14 @@ def test_requests_of_a_scenario_reach_the_controller(tmp_path):
         ("[rig]\nsafety.invalid_run_max = 0\n", "safety.invalid_run_max"),
     ],
 )
-def test_what_makes_no_sense_is_refused_by_name(tmp_path, more, named):
+def test_what_makes_no_sense_is_refused_by_name(tmp_path: Path, more: str, named: str) -> None:
     with pytest.raises(SettingsError) as refusal:
         load(scenario(tmp_path, more))
     assert named in str(refusal.value)
     assert "asked.toml" in str(refusal.value)
 
 
-def test_the_scenario_knows_the_interlocks_that_can_be_bypassed(tmp_path):
+def test_the_scenario_knows_the_interlocks_that_can_be_bypassed(tmp_path: Path) -> None:
     for cause in BYPASSABLE:
         request = asked(at_s=1.0, action='"bypass"', interlock=f'"{cause}"', for_s=1.0)
         found = load_scenario(scenario(tmp_path, request)).request
@@ -81,7 +82,7 @@ def test_the_scenario_knows_the_interlocks_that_can_be_bypassed(tmp_path):
 
 
 @pytest.mark.parametrize(("dead_pump", "lost_lower_level"), [("continue", "stop"), ("stop", "continue")])
-def test_limits_are_those_of_the_rig_file(tmp_path, dead_pump, lost_lower_level):
+def test_limits_are_those_of_the_rig_file(tmp_path: Path, dead_pump: str, lost_lower_level: str) -> None:
     policies = f'safety.dead_pump = "{dead_pump}"\nsafety.lost_lower_level = "{lost_lower_level}"\n'
     limits = controller_config(load(scenario(tmp_path, f"[rig]\n{policies}"))).limits
     safety = tomllib.loads((ROOT / "config/rig.toml").read_text())["safety"]

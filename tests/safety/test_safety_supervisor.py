@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hil.core import supervisor
 from hil.core.interlocks import INTERLOCKS, Belief
 from hil.core.supervisor import CLEAR, OFF, Supervision
-from hil.core.types import Diagnosis, Mode, NodeState, Severity, TripCause
+from hil.core.types import Command, Diagnosis, Inputs, Mode, NodeState, Pair, Severity, TripCause
 from tests.safety.safety_bench import FAULTS, HEALTHY, LIMITS, READY, but, level
 
 CONTROLLING = (Mode.RUNNING, Mode.DEGRADED)
@@ -23,12 +23,14 @@ FAULT_IDS = [name for name, _, _ in FAULTS]
 ONE_FAULT = pytest.mark.parametrize("fault", [fault for _, _, fault in FAULTS], ids=FAULT_IDS)
 
 
-def supervision(mode, command_V=(3.0, 3.0)):
+def supervision(mode: Mode, command_V: Pair = (3.0, 3.0)) -> supervisor.Supervision:
     cause = TripCause.ECHO_MISSING if mode is Mode.TRIPPED else None
     return Supervision(mode, cause, command_V if mode in TRIPPING else (0.0, 0.0))
 
 
-def step(mode, inputs, *, is_degraded=False, wanted_V=(5.0, 5.0)):
+def step(
+    mode: Mode, inputs: Inputs, *, is_degraded: bool = False, wanted_V: Pair = (5.0, 5.0)
+) -> tuple[supervisor.Supervision, Command, list[str]]:
     """One step of the supervisor: the mode after it, the cause, the command, the codes of its events."""
     state, events = supervisor.next_mode(LIMITS, supervision(mode), inputs, NOW_NS, FAULTY if is_degraded else SOUND)
     state, command = supervisor.safe_command(LIMITS, state, wanted_V, 0.1)
@@ -41,7 +43,9 @@ def step(mode, inputs, *, is_degraded=False, wanted_V=(5.0, 5.0)):
 @pytest.mark.parametrize(("cause", "fault"), [(cause, fault) for _, cause, fault in FAULTS], ids=FAULT_IDS)
 @pytest.mark.parametrize("mode", TRIPPING)
 @pytest.mark.parametrize("stop", [False, True])
-def test_an_interlock_trips_in_the_same_step_and_wins_over_a_stop(mode, cause, fault, stop):
+def test_an_interlock_trips_in_the_same_step_and_wins_over_a_stop(
+    mode: Mode, cause: TripCause, fault, stop: bool
+) -> None:
     state, command, codes = step(mode, replace(fault(HEALTHY), stop_requested=stop))
     assert state == Supervision(Mode.TRIPPED, cause, (0.0, 0.0))
     assert command == OFF
@@ -50,7 +54,7 @@ def test_an_interlock_trips_in_the_same_step_and_wins_over_a_stop(mode, cause, f
 
 @ONE_FAULT
 @pytest.mark.parametrize("mode", WAITING)
-def test_an_interlock_keeps_the_rig_disarmed(mode, fault):
+def test_an_interlock_keeps_the_rig_disarmed(mode: Mode, fault) -> None:
     state, command, codes = step(mode, fault(READY))
     assert state.mode is Mode.DISARMED
     assert state.cause is None
@@ -60,7 +64,7 @@ def test_an_interlock_keeps_the_rig_disarmed(mode, fault):
 
 
 @ONE_FAULT
-def test_a_trip_keeps_its_first_cause_whatever_comes_after(fault):
+def test_a_trip_keeps_its_first_cause_whatever_comes_after(fault) -> None:
     state, command, codes = step(Mode.TRIPPED, fault(HEALTHY))
     assert state == supervision(Mode.TRIPPED)
     assert command == OFF
@@ -70,7 +74,7 @@ def test_a_trip_keeps_its_first_cause_whatever_comes_after(fault):
 @pytest.mark.parametrize("is_degraded", [False, True])
 @pytest.mark.parametrize("stop", [False, True])
 @pytest.mark.parametrize("inputs", [HEALTHY, READY], ids=["node runs", "node ready"])
-def test_a_trip_is_for_ever(inputs, stop, is_degraded):
+def test_a_trip_is_for_ever(inputs: Inputs, stop: bool, is_degraded: bool) -> None:
     state = supervision(Mode.TRIPPED)
     for _ in range(100):
         belief = FAULTY if is_degraded else SOUND
@@ -82,14 +86,14 @@ def test_a_trip_is_for_ever(inputs, stop, is_degraded):
     assert state.cause is TripCause.ECHO_MISSING
 
 
-def test_trip_of_a_tripped_supervisor_changes_nothing():
+def test_trip_of_a_tripped_supervisor_changes_nothing() -> None:
     state, events = supervisor.trip(supervision(Mode.TRIPPED), TripCause.HIGH_LEVEL, "late")
     assert state == supervision(Mode.TRIPPED)
     assert events == ()
 
 
 @pytest.mark.parametrize("mode", [m for m in Mode if m is not Mode.TRIPPED])
-def test_trip_from_any_other_mode_latches_with_its_cause(mode):
+def test_trip_from_any_other_mode_latches_with_its_cause(mode: Mode) -> None:
     state, (event,) = supervisor.trip(supervision(mode), TripCause.CONTROLLER_FAILED, "it broke")
     assert state == Supervision(Mode.TRIPPED, TripCause.CONTROLLER_FAILED, (0.0, 0.0))
     assert event.severity is Severity.ERROR
@@ -123,7 +127,7 @@ HEALTHY_STEPS = [
 
 
 @pytest.mark.parametrize(("mode", "node", "stop", "degraded", "expected"), HEALTHY_STEPS)
-def test_healthy_steps(mode, node, stop, degraded, expected):
+def test_healthy_steps(mode: Mode, node: str, stop: bool, degraded: bool, expected: Mode) -> None:
     inputs = but(READY, "pumps", state=NodeState[node.upper()])
     state, command, codes = step(mode, replace(inputs, stop_requested=stop), is_degraded=degraded)
     assert state.mode is expected
@@ -134,14 +138,14 @@ def test_healthy_steps(mode, node, stop, degraded, expected):
 
 @pytest.mark.parametrize("mode", [Mode.DISARMED, Mode.READY, Mode.TRIPPED])
 @pytest.mark.parametrize("wanted_V", [(5.0, 5.0), (0.0, 0.0), (math.nan, 1.0), (math.inf, -math.inf)])
-def test_nothing_is_enabled_unless_controlling_or_ramping_down(mode, wanted_V):
+def test_nothing_is_enabled_unless_controlling_or_ramping_down(mode: Mode, wanted_V: Pair) -> None:
     state, command = supervisor.safe_command(LIMITS, supervision(mode), wanted_V, 0.1)
     assert command == OFF
     assert state.mode is mode
     assert state.command_V == (0.0, 0.0)
 
 
-def test_off_and_clear_are_disabled_at_0_volts():
+def test_off_and_clear_are_disabled_at_0_volts() -> None:
     assert OFF.voltage_V == CLEAR.voltage_V == (0.0, 0.0)
     assert not OFF.enable
     assert not CLEAR.enable
@@ -149,7 +153,7 @@ def test_off_and_clear_are_disabled_at_0_volts():
     assert CLEAR.clear_trip
 
 
-def test_of_several_interlocks_the_root_names_the_trip():
+def test_of_several_interlocks_the_root_names_the_trip() -> None:
     """A bus that is gone makes everything stale as well: the trip says "bus"."""
     inputs = HEALTHY
     for _, _, fault in reversed(FAULTS):
@@ -159,13 +163,13 @@ def test_of_several_interlocks_the_root_names_the_trip():
     assert {interlock.cause for interlock in INTERLOCKS} | {TripCause.CONTROLLER_FAILED} == set(TripCause)
 
 
-def test_what_is_not_ready_is_said():
+def test_what_is_not_ready_is_said() -> None:
     assert supervisor.not_ready(LIMITS, READY) == ""
     assert supervisor.not_ready(LIMITS, HEALTHY) == "the pump node is in state run, not ready"
     assert supervisor.not_ready(LIMITS, but(READY, "bus", is_up=False)) == "the CAN bus is gone"
 
 
-def test_at_rest_is_what_the_node_says_of_itself():
+def test_at_rest_is_what_the_node_says_of_itself() -> None:
     assert supervisor.is_at_rest(READY)
     assert supervisor.is_at_rest(but(READY, "pumps", state=NodeState.TRIPPED))
     assert not supervisor.is_at_rest(but(READY, "pumps", state=NodeState.RUN))
@@ -184,7 +188,7 @@ SWEEPS = [
 ]
 
 
-def expected_after(mode, stands):
+def expected_after(mode: Mode, stands: bool) -> Mode:
     if mode is Mode.TRIPPED:
         return Mode.TRIPPED
     if stands:
@@ -195,7 +199,9 @@ def expected_after(mode, stands):
 @pytest.mark.parametrize("mode", list(Mode))
 @pytest.mark.parametrize(("part", "key", "limit", "cause"), SWEEPS)
 @pytest.mark.parametrize(("offset", "stands"), [(-JUST, False), (0.0, False), (JUST, True), (1e6, True)])
-def test_ages_are_good_up_to_their_limit(mode, part, key, limit, cause, offset, stands):
+def test_ages_are_good_up_to_their_limit(
+    mode: Mode, part: str, key: str, limit: float, cause: TripCause, offset: float, stands: bool
+) -> None:
     state, command, _ = step(mode, but(READY, part, **{key: limit + offset}), is_degraded=mode is Mode.DEGRADED)
     assert state.mode is expected_after(mode, stands)
     if stands and mode in TRIPPING:
@@ -207,7 +213,7 @@ def test_ages_are_good_up_to_their_limit(mode, part, key, limit, cause, offset, 
 @pytest.mark.parametrize("mode", list(Mode))
 @pytest.mark.parametrize("channel", range(4))
 @pytest.mark.parametrize(("volts", "stands"), [(9.5 - JUST, False), (9.5, False), (9.5 + JUST, True), (10.24, True)])
-def test_levels_are_good_up_to_19_cm_in_every_tank(mode, channel, volts, stands):
+def test_levels_are_good_up_to_19_cm_in_every_tank(mode: Mode, channel: int, volts: float, stands: bool) -> None:
     state, command, _ = step(mode, level(READY, channel, volts), is_degraded=mode is Mode.DEGRADED)
     assert state.mode is expected_after(mode, stands)
     if stands:
@@ -231,7 +237,7 @@ def test_levels_are_good_up_to_19_cm_in_every_tank(mode, channel, volts, stands)
         (1.0, -1e300, 0.0),
     ],
 )
-def test_commands_stay_within_the_range(mode, pump, last, wanted, passed):
+def test_commands_stay_within_the_range(mode: Mode, pump: int, last: float, wanted: float, passed: float) -> None:
     wanted_V = (wanted, 5.0) if pump == 0 else (5.0, wanted)
     before = (last, 5.0) if pump == 0 else (5.0, last)
     state, command = supervisor.safe_command(LIMITS, Supervision(mode, None, before), wanted_V, 0.1)
@@ -255,7 +261,7 @@ def test_commands_stay_within_the_range(mode, pump, last, wanted, passed):
         (0.0, 3.0),
     ],
 )
-def test_commands_change_by_20_volts_a_second_at_most(mode, wanted, passed):
+def test_commands_change_by_20_volts_a_second_at_most(mode: Mode, wanted: float, passed: float) -> None:
     state, command = supervisor.safe_command(LIMITS, Supervision(mode, None, (5.0, 5.0)), (wanted, wanted), 0.1)
     assert command.voltage_V == pytest.approx((passed, passed), abs=1e-12)
     assert state.command_V == command.voltage_V
@@ -266,7 +272,7 @@ def test_commands_change_by_20_volts_a_second_at_most(mode, wanted, passed):
     st.lists(st.tuples(st.floats(allow_nan=False, allow_infinity=False), st.floats(-20, 20)), max_size=20),
     st.floats(0.001, 1.0),
 )
-def test_no_sequence_of_wishes_leaves_range_or_rate(wishes, period_s):
+def test_no_sequence_of_wishes_leaves_range_or_rate(wishes, period_s: float) -> None:
     state = Supervision(Mode.RUNNING)
     for wanted_V in wishes:
         before = state.command_V
@@ -279,13 +285,13 @@ def test_no_sequence_of_wishes_leaves_range_or_rate(wishes, period_s):
 @pytest.mark.parametrize("mode", CONTROLLING)
 @pytest.mark.parametrize("pump", [0, 1])
 @pytest.mark.parametrize("nonsense", [math.nan, math.inf, -math.inf])
-def test_a_wish_that_is_no_number_is_an_error_and_never_a_command(mode, pump, nonsense):
+def test_a_wish_that_is_no_number_is_an_error_and_never_a_command(mode: Mode, pump: int, nonsense: float) -> None:
     wanted_V = (nonsense, 5.0) if pump == 0 else (5.0, nonsense)
     with pytest.raises(ValueError, match="the control law asked for"):
         supervisor.safe_command(LIMITS, supervision(mode), wanted_V, 0.1)
 
 
-def test_a_stop_ramps_both_pumps_down_and_then_disables_them():
+def test_a_stop_ramps_both_pumps_down_and_then_disables_them() -> None:
     state = Supervision(Mode.STOPPING, None, (3.0, 1.5))
     commands = []
     for _ in range(6):
@@ -295,7 +301,7 @@ def test_a_stop_ramps_both_pumps_down_and_then_disables_them():
     assert [c.enable for c in commands] == [True, True, False, False, False, False]
 
 
-def test_a_ramp_begins_at_the_last_command():
+def test_a_ramp_begins_at_the_last_command() -> None:
     state, command = supervisor.safe_command(LIMITS, Supervision(Mode.RUNNING, None, (4.0, 5.0)), (4.5, 4.0), 0.1)
     stopping, _ = supervisor.next_mode(LIMITS, state, replace(HEALTHY, stop_requested=True), NOW_NS)
     _, command = supervisor.safe_command(LIMITS, stopping, (4.5, 4.0), 0.1)
@@ -309,7 +315,7 @@ INPUTS = st.tuples(
 
 @settings(max_examples=100, deadline=None)
 @given(st.lists(INPUTS, max_size=40), st.lists(st.floats(-50, 50), min_size=40, max_size=40))
-def test_invariants_over_any_history(history, wishes):
+def test_invariants_over_any_history(history, wishes) -> None:
     """Never enabled while an interlock stands; latched once tripped; only DISARMED leads to READY, READY to RUNNING."""
     state = Supervision()
     for (base, faults, stop, degraded), wish in zip(history, wishes, strict=False):

@@ -6,7 +6,7 @@ import pytest
 
 from hil.core import supervisor
 from hil.core.supervisor import Supervision
-from hil.core.types import Action, Diagnosis, Inputs, Mode, NodeState, Request, Severity, TripCause
+from hil.core.types import Action, Diagnosis, Inputs, Mode, NodeState, Pair, Request, Severity, TripCause
 from tests.safety.safety_bench import FAULTS, HEALTHY, LIMITS, READY, VERDICTS, believing, but
 
 NOW_NS = 5_000_000_000
@@ -35,7 +35,7 @@ def asked(*requests: Request, base: Inputs = READY) -> Inputs:
     return replace(base, requests=requests)
 
 
-def wish(action: Action, **details) -> Request:
+def wish(action: Action, **details: Pair | TripCause | float) -> Request:
     return Request(action, **details)
 
 
@@ -103,7 +103,7 @@ def begun(mode: Mode) -> Supervision:
     return Supervision(mode, cause, BEFORE_V if mode in DRIVEN else (0.0, 0.0), manual_V=MANUAL_V)
 
 
-def expected_command(before: Mode, after: Mode, inputs: Inputs):
+def expected_command(before: Mode, after: Mode, inputs: Inputs) -> tuple[Pair, bool]:
     """Voltages and whether enabled; the rate is 2 V a step, the ramp 1 V."""
     if after in (Mode.DISARMED, Mode.READY, Mode.TRIPPED):
         return (0.0, 0.0), False
@@ -119,7 +119,7 @@ def expected_command(before: Mode, after: Mode, inputs: Inputs):
 
 @pytest.mark.parametrize("name", EVENTS)
 @pytest.mark.parametrize("before", MODES, ids=lambda mode: mode.name)
-def test_every_mode_times_every_event(before, name):
+def test_every_mode_times_every_event(before: Mode, name: str) -> None:
     inputs, diagnosis, limits, row = EVENTS[name]
     expected = LETTERS[row[MODES.index(before)]]
     state, events = supervisor.next_mode(limits, begun(before), inputs, NOW_NS, believing(diagnosis))
@@ -142,7 +142,7 @@ def test_every_mode_times_every_event(before, name):
     assert refusals == unheeded + ["clear"] * stays_tripped
 
 
-def test_the_letters_name_every_mode():
+def test_the_letters_name_every_mode() -> None:
     assert set(MODES) == set(Mode)
     assert [mode.value for mode in Mode] == [0, 1, 2, 3, 4, 5, 6]
 
@@ -154,7 +154,9 @@ TRIPS += [("both pumps run dry", TripCause.DRY_RUN, HEALTHY, BOTH_DEAD)]
 
 @pytest.mark.parametrize(("cause", "inputs", "verdict"), [t[1:] for t in TRIPS], ids=[t[0] for t in TRIPS])
 @pytest.mark.parametrize("mode", DRIVEN, ids=lambda mode: mode.name)
-def test_a_trip_names_its_cause_and_cuts_the_relay_of_a_pump_that_is_stuck_on(mode, cause, inputs, verdict):
+def test_a_trip_names_its_cause_and_cuts_the_relay_of_a_pump_that_is_stuck_on(
+    mode: Mode, cause: TripCause, inputs: Inputs, verdict: Diagnosis
+) -> None:
     state, events = supervisor.next_mode(LIMITS, begun(mode), inputs, NOW_NS, believing(verdict))
     assert state.cause is cause
     assert state.command_V == (0.0, 0.0)

@@ -1,9 +1,13 @@
 """Interfaces of the kernel for the tests, and the emulator that serves one of them for a whole session."""
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from tests.socketcan.kernel_links import Cable, Loop
+from tests.socketcan.socketcan_bench import Rig
 
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE), str(HERE.parent / "bus")]
@@ -12,7 +16,7 @@ from tests.socketcan.kernel_fixtures import cable, loop  # noqa: E402, F401 - fi
 
 
 @pytest.fixture(scope="session")
-def rig(cable, tmp_path_factory):  # noqa: F811 - the fixture
+def rig(cable: Loop | Cable, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:  # noqa: F811 - the fixture
     """The emulator on the far end of the cable."""
     from tests.socketcan.socketcan_bench import emulator
 

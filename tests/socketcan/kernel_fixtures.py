@@ -1,6 +1,7 @@
 """Fixtures of kernel interfaces, for every folder whose tests use them."""
 
 import os
+from collections.abc import Iterator
 
 import pytest
 
@@ -8,7 +9,7 @@ from tests.socketcan.kernel_links import Cable, Loop
 from tools.guest.host import obstacle
 
 
-def _links(kind):
+def _links(kind: type[Loop] | type[Cable]) -> Loop | Cable:
     reason = obstacle()
     if reason:
         (pytest.fail if os.environ.get("CI") else pytest.skip)(f"{reason} (make test-socketcan finds another)")
@@ -16,7 +17,7 @@ def _links(kind):
 
 
 @pytest.fixture(scope="session")
-def loop():
+def loop() -> Iterator[Loop | Cable]:
     """A vcan interface, both of whose ends are the same."""
     links = _links(Loop)
     yield links
@@ -24,7 +25,7 @@ def loop():
 
 
 @pytest.fixture(scope="session")
-def cable():
+def cable() -> Iterator[Loop | Cable]:
     """Two interfaces wired to one another: in the guest two controllers, elsewhere a vxcan."""
     links = _links(Cable)
     yield links

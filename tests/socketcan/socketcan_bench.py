@@ -10,6 +10,7 @@ import os
 import signal
 import socket
 import sys
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -46,7 +47,7 @@ safety.arm_timeout_s = 10.0
 _fork = multiprocessing.get_context("fork")
 
 
-def _become(main, arguments, output):
+def _become(main, arguments, output) -> None:
     """In the fork: a console script, at a priority at which the tests themselves don't hold it up."""
     with suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(20))
@@ -65,31 +66,31 @@ def _become(main, arguments, output):
 class Forked:
     """A process, and what it has printed."""
 
-    def __init__(self, main, arguments, output):
+    def __init__(self, main: Callable[[], None], arguments, output: Path) -> None:
         self._output = output
         self._process = _fork.Process(target=_become, args=(main, arguments, output), daemon=True)
         self._process.start()
         self.pid = self._process.pid
 
     @property
-    def out(self):
+    def out(self) -> str:
         return self._output.read_text() if self._output.exists() else ""
 
     @property
-    def is_alive(self):
+    def is_alive(self) -> bool:
         return self._process.exitcode is None
 
-    def signal(self, number):
+    def signal(self, number: signal.Signals) -> None:
         os.kill(self.pid, number)
 
-    def wait(self, timeout_s=20.0):
+    def wait(self, timeout_s: float = 20.0) -> int:
         """Exit code. No way of ending may show a traceback."""
         self._process.join(timeout_s)
         assert self._process.exitcode is not None, ("does not end", self.out)
         assert "Traceback" not in self.out, self.out
         return self._process.exitcode
 
-    def end(self):
+    def end(self) -> None:
         if self._process.exitcode is None:
             self.signal(signal.SIGCONT)
             self._process.kill()
@@ -99,7 +100,7 @@ class Forked:
 class Rig:
     """A running firmware-sim and what its pump node has recorded."""
 
-    def __init__(self, process, record, control):
+    def __init__(self, process: Forked, record: Path, control: Path) -> None:
         self.process, self._control = process, control
         self._lines = record.open()
         self._changes = []
@@ -110,7 +111,7 @@ class Rig:
         ]
         return self._changes
 
-    def fail(self, words):
+    def fail(self, words: str) -> None:
         """A failure by command, in the emulator's words."""
         with socket.socket(socket.AF_UNIX) as client:
             client.connect(str(self._control))
@@ -118,7 +119,7 @@ class Rig:
             answer = client.recv(4096).decode()
         assert answer.startswith("ok"), answer
 
-    def wait_until_it_runs(self, since, changes=5):
+    def wait_until_it_runs(self, since: int, changes: int = 5) -> None:
         """Until the pump node has obeyed some commands of a run that began when it had `since` changes."""
         wait_for(lambda: sum(one["cause"] == "command" for one in self.pump()[since:]) >= changes, START_S, 0.03)
 
@@ -137,17 +138,17 @@ class Rig:
 class Run:
     """A running `hil run` and its folder."""
 
-    def __init__(self, process, folder):
+    def __init__(self, process: Forked, folder: Path) -> None:
         self.process, self.folder = process, folder
 
-    def wait(self, timeout_s=20.0):
+    def wait(self, timeout_s: float = 20.0) -> int:
         return self.process.wait(timeout_s)
 
     @property
-    def out(self):
+    def out(self) -> str:
         return self.process.out
 
-    def json(self, name):
+    def json(self, name: str):
         return json.loads((self.folder / name).read_text())
 
     def events(self):
@@ -160,7 +161,7 @@ class Run:
 
 
 @contextmanager
-def emulator(channel, folder, *options):
+def emulator(channel: str, folder: Path, *options) -> Iterator[Rig]:
     record, control = folder / "node.jsonl", folder / "control"
     arguments = ["firmware-sim", "-i", "socketcan", "-c", channel, "--record", record, "--control", control, *options]
     process = Forked(firmware_sim.cli.main, arguments, folder / "rig.out")
@@ -173,7 +174,7 @@ def emulator(channel, folder, *options):
 
 
 @contextmanager
-def controller(channel, folder, *options, duration=60.0, clear=True):
+def controller(channel: str, folder: Path, *options, duration: float = 60.0, clear: bool = True) -> Iterator[Run]:
     scenario = folder / "story.toml"
     scenario.write_text(STORY.format(duration=duration))
     out = folder / "run"

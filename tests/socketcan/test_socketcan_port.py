@@ -5,6 +5,7 @@ import struct
 import subprocess
 import threading
 import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import can
@@ -13,19 +14,19 @@ import pytest
 from hil.edge.can.bus import BusAddress, BusError, BusPort
 from hil.edge.can.socketcan import Link
 from tests.bus.bus_bench import COMMAND_ID, FOREIGN_ID, IDS, LEVELS_ID, STATUS_ID, frame, next_frame
-from tests.socketcan.kernel_links import BITRATE, ip
+from tests.socketcan.kernel_links import BITRATE, Cable, Loop, ip
 
 pytestmark = pytest.mark.socketcan
 GOOD = b"\x2a" * 7
 W_S = 0.25
 
 
-def open_port(channel):
+def open_port(channel: str) -> BusPort:
     return BusPort(BusAddress("socketcan", channel, BITRATE).open(IDS))
 
 
 @contextmanager
-def ends(links):
+def ends(links: Loop | Cable) -> Iterator[tuple[BusPort, can.BusABC]]:
     port, far = open_port(links.near), can.Bus(links.far, "socketcan", ignore_config=True)
     try:
         yield port, far
@@ -36,28 +37,28 @@ def ends(links):
 
 
 @pytest.fixture
-def on_loop(loop):
+def on_loop(loop: Loop | Cable) -> Iterator[tuple[BusPort, can.BusABC]]:
     with ends(loop) as both:
         yield both
 
 
-def cansend(channel, text):
+def cansend(channel: str, text: str) -> None:
     subprocess.run(["cansend", channel, text], check=True)
 
 
-def send_error(channel, classes, detail=0):
+def send_error(channel: str, classes: int, detail: int = 0) -> None:
     """An error frame as a driver would report it: class bits, and data[1]."""
     cansend(channel, f"{0x20000000 | classes:08X}#00{detail:02X}000000000000")
 
 
-def assert_only_ours_comes(port):
+def assert_only_ours_comes(port: BusPort) -> None:
     """What was sent before is not let in; a frame of ours is, at once."""
     assert bytes(next_frame(port).data) == GOOD
     assert port.receive(0.05) is None
     assert port.is_up
 
 
-def test_case_12_a_thousand_foreign_frames_are_kept_out_by_the_kernel(on_loop):
+def test_case_12_a_thousand_foreign_frames_are_kept_out_by_the_kernel(on_loop: tuple[BusPort, can.BusABC]) -> None:
     port, far = on_loop
     for _ in range(1000):
         far.send(frame(FOREIGN_ID, bytes(8)))
@@ -66,7 +67,9 @@ def test_case_12_a_thousand_foreign_frames_are_kept_out_by_the_kernel(on_loop):
 
 
 @pytest.mark.parametrize("odd", ["extended", "fd"])
-def test_case_18_frames_that_are_not_classic_with_11_bits_are_kept_out_by_the_kernel(loop, on_loop, odd):
+def test_case_18_frames_that_are_not_classic_with_11_bits_are_kept_out_by_the_kernel(
+    loop: Loop | Cable, on_loop: tuple[BusPort, can.BusABC], odd: str
+) -> None:
     """The extended frame and the CAN FD frame have the number of one of ours."""
     port, far = on_loop
     if odd == "extended":
@@ -83,7 +86,9 @@ def test_case_18_frames_that_are_not_classic_with_11_bits_are_kept_out_by_the_ke
     port.close()
 
 
-def test_case_20_error_frames_are_counted_by_class_each_told_once(loop, on_loop):
+def test_case_20_error_frames_are_counted_by_class_each_told_once(
+    loop: Loop | Cable, on_loop: tuple[BusPort, can.BusABC]
+) -> None:
     port, far = on_loop
     for classes, detail in ((0x2, 0), (0x20, 0), (0x4, 0x20), (0x20, 0), (0x88, 0)):
         send_error(loop.near, classes, detail)
@@ -97,14 +102,18 @@ def test_case_20_error_frames_are_counted_by_class_each_told_once(loop, on_loop)
     assert port.is_up, "none of them is the end"
 
 
-def test_case_21_bus_off_is_the_end_of_the_link_and_its_name(loop, on_loop):
+def test_case_21_bus_off_is_the_end_of_the_link_and_its_name(
+    loop: Loop | Cable, on_loop: tuple[BusPort, can.BusABC]
+) -> None:
     port, _ = on_loop
     send_error(loop.near, 0x40)
     assert next_frame(port).is_error_frame
     assert (port.is_up, port.last_error) == (False, "the CAN controller is bus-off")
 
 
-def test_case_22_a_link_taken_down_is_noticed_at_once_by_listening(loop, on_loop):
+def test_case_22_a_link_taken_down_is_noticed_at_once_by_listening(
+    loop: Loop | Cable, on_loop: tuple[BusPort, can.BusABC]
+) -> None:
     port, _ = on_loop
     loop.down()
     started_s = time.monotonic()
@@ -116,7 +125,9 @@ def test_case_22_a_link_taken_down_is_noticed_at_once_by_listening(loop, on_loop
     assert not port.is_up, "stays down until a new run opens it"
 
 
-def test_case_22_a_link_taken_down_is_noticed_by_the_first_command(loop, on_loop):
+def test_case_22_a_link_taken_down_is_noticed_by_the_first_command(
+    loop: Loop | Cable, on_loop: tuple[BusPort, can.BusABC]
+) -> None:
     """Nobody has listened meanwhile; python-can would have to fail three times."""
     port, _ = on_loop
     loop.down()
@@ -125,7 +136,9 @@ def test_case_22_a_link_taken_down_is_noticed_by_the_first_command(loop, on_loop
     assert port.last_error == f"{loop.near} was taken down"
 
 
-def test_case_22_a_link_that_was_down_and_up_between_two_commands_is_noticed(loop, on_loop):
+def test_case_22_a_link_that_was_down_and_up_between_two_commands_is_noticed(
+    loop: Loop | Cable, on_loop: tuple[BusPort, can.BusABC]
+) -> None:
     port, _ = on_loop
     loop.down()
     loop.up()
@@ -133,7 +146,9 @@ def test_case_22_a_link_that_was_down_and_up_between_two_commands_is_noticed(loo
     assert not port.is_up
 
 
-def test_case_24_an_interface_that_is_gone_takes_no_command_and_is_no_other_when_it_is_back(cable):
+def test_case_24_an_interface_that_is_gone_takes_no_command_and_is_no_other_when_it_is_back(
+    cable: Loop | Cable,
+) -> None:
     with ends(cable) as (port, _):
         cable.unplug(cable.near)
         assert port.send(COMMAND_ID, bytes(6), 0.0) is False
@@ -144,7 +159,7 @@ def test_case_24_an_interface_that_is_gone_takes_no_command_and_is_no_other_when
 
 
 @pytest.fixture
-def jam(loop):
+def jam(loop: Loop | Cable) -> Iterator[Callable[[], subprocess.CompletedProcess[bytes]]]:
     """Lets one frame through and no more: like a bus on which nobody acknowledges."""
     ip_words = f"qdisc replace dev {loop.near} root tbf rate 8bit burst 16b limit 1600b"
     subprocess.run(["tc", *ip_words.split()], check=True)
@@ -152,7 +167,9 @@ def jam(loop):
     subprocess.run(["tc", "qdisc", "del", "dev", loop.near, "root"], check=False, stderr=subprocess.DEVNULL)
 
 
-def test_case_23_the_kernels_queue_never_holds_more_than_one_command(jam, on_loop):
+def test_case_23_the_kernels_queue_never_holds_more_than_one_command(
+    jam: Callable[[], subprocess.CompletedProcess[bytes]], on_loop: tuple[BusPort, can.BusABC]
+) -> None:
     """There is room for a hundred: the second that waits is refused at once, three in a row are a failed bus."""
     port, far = on_loop
     sent = []
@@ -172,7 +189,9 @@ def test_case_23_the_kernels_queue_never_holds_more_than_one_command(jam, on_loo
 
 
 @pytest.mark.parametrize("bad", ["15 length", "17 identifier", "19 remote"])
-def test_case_15_17_19_what_gets_past_the_kernel_is_marked_for_the_receiver(loop, on_loop, bad):
+def test_case_15_17_19_what_gets_past_the_kernel_is_marked_for_the_receiver(
+    loop: Loop | Cable, on_loop: tuple[BusPort, can.BusABC], bad: str
+) -> None:
     port, far = on_loop
     text = {
         "15 length": f"{LEVELS_ID:03X}#01",
@@ -190,7 +209,7 @@ def test_case_15_17_19_what_gets_past_the_kernel_is_marked_for_the_receiver(loop
     assert far.recv(0.05) is None, "and no reply to it"
 
 
-def test_frames_have_arrived_when_the_kernel_took_them_in(on_loop):
+def test_frames_have_arrived_when_the_kernel_took_them_in(on_loop: tuple[BusPort, can.BusABC]) -> None:
     """They wait for 0.2 s before somebody looks; their age counts from the first moment."""
     port, far = on_loop
     before_ns = time.monotonic_ns()
@@ -202,7 +221,9 @@ def test_frames_have_arrived_when_the_kernel_took_them_in(on_loop):
     assert before_ns - 5_000_000 <= arrived_ns <= after_ns + 5_000_000
 
 
-def test_case_46_a_wall_clock_that_jumps_makes_no_frame_older_than_the_gap_before_it(on_loop):
+def test_case_46_a_wall_clock_that_jumps_makes_no_frame_older_than_the_gap_before_it(
+    on_loop: tuple[BusPort, can.BusABC],
+) -> None:
     port, far = on_loop
     ages_s = []
     try:
@@ -217,11 +238,11 @@ def test_case_46_a_wall_clock_that_jumps_makes_no_frame_older_than_the_gap_befor
     assert all(0.0 <= age_s < W_S for age_s in ages_s[1:]), ages_s
 
 
-def test_case_46_a_wall_clock_set_back_while_nothing_comes_holds_nobody_up(on_loop):
+def test_case_46_a_wall_clock_set_back_while_nothing_comes_holds_nobody_up(on_loop: tuple[BusPort, can.BusABC]) -> None:
     """A wait that counted on the wall clock would last for an hour."""
     port, _ = on_loop
 
-    def set_back():
+    def set_back() -> None:
         time.clock_settime(time.CLOCK_REALTIME, time.time() - 3600.0)
 
     setting = threading.Timer(0.1, set_back)
@@ -235,7 +256,7 @@ def test_case_46_a_wall_clock_set_back_while_nothing_comes_holds_nobody_up(on_lo
         time.clock_settime(time.CLOCK_REALTIME, time.time() + 3600.0)
 
 
-def refusal(channel, bitrate=BITRATE):
+def refusal(channel: str, bitrate: int = BITRATE) -> str:
     with pytest.raises(BusError) as refused:
         BusAddress("socketcan", channel, bitrate).open(IDS)
     text = str(refused.value)
@@ -244,15 +265,15 @@ def refusal(channel, bitrate=BITRATE):
     return text.partition("opened: ")[2]
 
 
-def test_an_interface_that_is_missing_is_refused_by_name():
+def test_an_interface_that_is_missing_is_refused_by_name() -> None:
     assert refusal("can77") == "there is no interface can77"
 
 
-def test_an_interface_that_is_no_can_is_refused():
+def test_an_interface_that_is_no_can_is_refused() -> None:
     assert refusal("lo") == "lo is no CAN interface"
 
 
-def test_a_link_that_is_down_is_refused_with_what_to_do(loop):
+def test_a_link_that_is_down_is_refused_with_what_to_do(loop: Loop | Cable) -> None:
     loop.down()
     try:
         assert refusal(loop.near) == f"{loop.near} is down; as root: ip link set {loop.near} up"
@@ -260,12 +281,12 @@ def test_a_link_that_is_down_is_refused_with_what_to_do(loop):
         loop.up()
 
 
-def real(cable):
+def real(cable: Loop | Cable) -> None:
     if not cable.is_real:
         pytest.skip("vxcan has no bit rate; the guest's controllers have")
 
 
-def test_another_bit_rate_is_refused_with_what_to_do(cable):
+def test_another_bit_rate_is_refused_with_what_to_do(cable: Loop | Cable) -> None:
     real(cable)
     up = f"ip link set {cable.near} up type can bitrate 250000"
     assert refusal(cable.near, 250_000) == (
@@ -273,7 +294,7 @@ def test_another_bit_rate_is_refused_with_what_to_do(cable):
     )
 
 
-def test_a_kernel_that_restarts_after_bus_off_is_told_of_and_left_as_it_is(cable):
+def test_a_kernel_that_restarts_after_bus_off_is_told_of_and_left_as_it_is(cable: Loop | Cable) -> None:
     real(cable)
     ip("link", "set", cable.near, "down")
     ip("link", "set", cable.near, "up", "type", "can", "bitrate", BITRATE, "restart-ms", 100)
@@ -288,7 +309,7 @@ def test_a_kernel_that_restarts_after_bus_off_is_told_of_and_left_as_it_is(cable
         ip("link", "set", cable.near, "up", "type", "can", "bitrate", BITRATE, "restart-ms", 0)
 
 
-def test_the_kernels_own_receive_filter_is_in_force(on_loop):
+def test_the_kernels_own_receive_filter_is_in_force(on_loop: tuple[BusPort, can.BusABC]) -> None:
     """Not python-can's, which would look at each frame here."""
     port, _ = on_loop
     raw = port._bus.socket.getsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, 8 * len(IDS))

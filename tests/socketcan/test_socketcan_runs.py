@@ -6,6 +6,7 @@ Bounds are those of docs/reference/faults.md, taken from the pump node's own rec
 import signal
 import subprocess
 import time
+from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
@@ -20,8 +21,8 @@ from hil.edge.config.settings_file import default_config_dir
 from hil.wire.command_sender import CommandSender
 from hil.wire.receiver import Receiver
 from tests.bus.bus_bench import IDS
-from tests.socketcan.kernel_links import BITRATE, wait_for
-from tests.socketcan.socketcan_bench import OFF, PERIOD_S, WATCHDOG_S, controller, emulator
+from tests.socketcan.kernel_links import BITRATE, Cable, Loop, wait_for
+from tests.socketcan.socketcan_bench import OFF, PERIOD_S, WATCHDOG_S, Rig, Run, controller, emulator
 
 pytestmark = pytest.mark.socketcan
 
@@ -40,7 +41,7 @@ OUTAGE_S = 0.6
 
 
 @pytest.fixture
-def run(rig, cable, tmp_path):
+def run(rig: Rig, cable: Loop | Cable, tmp_path: Path) -> Iterator[Run]:
     """A run that has begun to move pumps, and how many changes the pump node had recorded before."""
     cable.plug()
     since = len(rig.pump())
@@ -51,12 +52,12 @@ def run(rig, cable, tmp_path):
     cable.plug()
 
 
-def assert_tripped(run, *causes):
+def assert_tripped(run: Run, *causes: str) -> None:
     assert run.wait() == 3, run.out
     assert run.cause in causes, run.events()
 
 
-def assert_node_safe_in_time(rig, run):
+def assert_node_safe_in_time(rig: Rig, run: Run):
     cause, after_s = rig.wait_until_safe(run.since)
     assert after_s <= WATCHDOG_S + SLACK_S, cause
     return cause
@@ -65,12 +66,12 @@ def assert_node_safe_in_time(rig, run):
 class Whole:
     """A run from start to end, and what a stranger saw of it."""
 
-    def __init__(self, run, seen, pump):
+    def __init__(self, run: Run, seen: Path, pump) -> None:
         self.run, self.seen, self.pump = run, seen, pump
 
 
 @pytest.fixture(scope="module")
-def whole(rig, cable, tmp_path_factory):
+def whole(rig: Rig, cable: Loop | Cable, tmp_path_factory: pytest.TempPathFactory) -> Whole:
     folder = tmp_path_factory.mktemp("whole")
     cable.plug()
     since = len(rig.pump())
@@ -83,7 +84,7 @@ def whole(rig, cable, tmp_path_factory):
     return Whole(run, folder / "candump.log", rig.pump()[since:])
 
 
-def test_a_whole_run_is_complete_and_loses_no_command(whole):
+def test_a_whole_run_is_complete_and_loses_no_command(whole: Whole) -> None:
     kpi = whole.run.json("kpi.json")
     assert (kpi["status"], kpi["trips"], kpi["commands"]["commands_lost"]) == ("complete", [], 0)
     assert whole.run.json("run.json")["recorder"] == {"errors": [], "dropped": 0}
@@ -91,7 +92,7 @@ def test_a_whole_run_is_complete_and_loses_no_command(whole):
     assert (last["state"], last["applied_V"], last["cause"]) == ("ready", OFF, "disabled")
 
 
-def test_candump_saw_each_command_once_and_cantools_reads_them(whole):
+def test_candump_saw_each_command_once_and_cantools_reads_them(whole: Whole) -> None:
     """A stranger's log, a stranger's decoder: every command within range, counters one after the other."""
     frames = list(can.CanutilsLogReader(whole.seen))
     database = cantools.database.load_file(DBC)
@@ -102,7 +103,7 @@ def test_candump_saw_each_command_once_and_cantools_reads_them(whole):
     assert {one.arbitration_id for one in frames} == set(IDS), "both nodes and the controller, and nobody else"
 
 
-def test_canplayer_replays_a_recorded_run_into_the_receiver(whole, loop):
+def test_canplayer_replays_a_recorded_run_into_the_receiver(whole: Whole, loop: Loop | Cable) -> None:
     """Every frame of the run is taken as it was then: the nodes' as accepted, ours as somebody else's commands."""
     log = whole.run.folder / "can.log"
     lines = log.read_text().splitlines()
@@ -134,7 +135,9 @@ def test_canplayer_replays_a_recorded_run_into_the_receiver(whole, loop):
     ],
     ids=lambda value: f"case_{value:02d}" if isinstance(value, int) else "",
 )
-def test_faults_of_frames_and_nodes_trip_on_the_kernels_bus_as_on_any(rig, run, number, words, causes, within_s):
+def test_faults_of_frames_and_nodes_trip_on_the_kernels_bus_as_on_any(
+    rig: Rig, run: Run, number: int, words: str, causes: tuple[str, ...], within_s: float
+) -> None:
     del number
     began_s = time.monotonic()
     rig.fail(words)
@@ -145,7 +148,7 @@ def test_faults_of_frames_and_nodes_trip_on_the_kernels_bus_as_on_any(rig, run, 
     assert rig.pump()[-1]["applied_V"] == OFF
 
 
-def test_case_01_05_06_12_lost_doubled_swapped_and_foreign_frames_do_not_trip(rig, run):
+def test_case_01_05_06_12_lost_doubled_swapped_and_foreign_frames_do_not_trip(rig: Rig, run: Run) -> None:
     for words in ("lower_levels burst -v 1", "upper_levels duplicate -t 0.5", "bus babble -v 100 -t 0.5"):
         rig.fail(words)
         time.sleep(0.6)
@@ -156,7 +159,7 @@ def test_case_01_05_06_12_lost_doubled_swapped_and_foreign_frames_do_not_trip(ri
     assert run.json("kpi.json")["trips"] == []
 
 
-def test_case_14_cansend_of_our_command_id_latches(rig, run, cable):
+def test_case_14_cansend_of_our_command_id_latches(rig: Rig, run: Run, cable: Loop | Cable) -> None:
     """A valid frame that a stranger sends: trips within a step, one last 0 V, then silence until the node is safe."""
     data = CommandSender(assembly.load_contract(DBC)).encode(supervisor.OFF, 0)
     subprocess.run(["cansend", cable.far, f"{COMMAND_ID:03X}#{data.hex()}"], check=True)
@@ -165,7 +168,9 @@ def test_case_14_cansend_of_our_command_id_latches(rig, run, cable):
 
 
 @pytest.mark.parametrize("end", ["near", "far"])
-def test_case_22_a_link_down_and_up_mid_run_is_safe_and_comes_back_disarmed(rig, run, cable, tmp_path, end):
+def test_case_22_a_link_down_and_up_mid_run_is_safe_and_comes_back_disarmed(
+    rig: Rig, run: Run, cable: Loop | Cable, tmp_path: Path, end: str
+) -> None:
     """Node safe within W; the run ends within 5 s; a new one is refused until somebody clears the trip."""
     name = getattr(cable, end)
     cable.down(name)
@@ -183,8 +188,8 @@ def test_case_22_a_link_down_and_up_mid_run_is_safe_and_comes_back_disarmed(rig,
 
 @pytest.mark.parametrize("end", ["near", "far"])
 def test_case_24_an_interface_unplugged_and_plugged_again_is_safe_and_comes_back_disarmed(
-    rig, run, cable, tmp_path, end
-):
+    rig: Rig, run: Run, cable: Loop | Cable, tmp_path: Path, end: str
+) -> None:
     cable.unplug(getattr(cable, end))
     gone_s = time.monotonic()
     assert_node_safe_in_time(rig, run)
@@ -194,7 +199,7 @@ def test_case_24_an_interface_unplugged_and_plugged_again_is_safe_and_comes_back
     assert_disarmed_until_cleared(rig, cable, tmp_path)
 
 
-def assert_disarmed_until_cleared(rig, cable, folder):
+def assert_disarmed_until_cleared(rig: Rig, cable: Loop | Cable, folder: Path) -> None:
     """The link is up: without clearing no run moves a pump, with it the next one does."""
     (folder / "refused").mkdir()
     (folder / "cleared").mkdir()
@@ -209,7 +214,7 @@ def assert_disarmed_until_cleared(rig, cable, folder):
         assert cleared.wait() == 0, cleared.out
 
 
-def test_case_21_bus_off_in_a_run_trips_and_error_passive_is_only_told(loop, tmp_path):
+def test_case_21_bus_off_in_a_run_trips_and_error_passive_is_only_told(loop: Loop | Cable, tmp_path: Path) -> None:
     """Injected on vcan, as a driver would report them."""
     loop.plug()
     (tmp_path / "rig").mkdir()
@@ -230,7 +235,7 @@ def test_case_21_bus_off_in_a_run_trips_and_error_passive_is_only_told(loop, tmp
     assert "bus-off" in why
 
 
-def test_case_48_a_stopped_controller_leaves_the_node_safe_and_sends_no_burst_afterwards(rig, run):
+def test_case_48_a_stopped_controller_leaves_the_node_safe_and_sends_no_burst_afterwards(rig: Rig, run: Run) -> None:
     run.process.signal(signal.SIGSTOP)
     assert assert_node_safe_in_time(rig, run) == "watchdog"
     time.sleep(0.5)
@@ -245,18 +250,18 @@ def test_case_48_a_stopped_controller_leaves_the_node_safe_and_sends_no_burst_af
     assert all(gap > 0.01 for gap in gaps[stall + 1 : -1]), "the last one is the very last 0 V, at once"
 
 
-def read_log(run, name="can.log"):
+def read_log(run: Run, name: str = "can.log") -> list[str]:
     return Path(run.folder / name).read_text().splitlines()
 
 
-def test_case_49_a_killed_controller_leaves_the_node_safe_and_a_record_that_can_be_read(rig, run):
+def test_case_49_a_killed_controller_leaves_the_node_safe_and_a_record_that_can_be_read(rig: Rig, run: Run) -> None:
     run.process.signal(signal.SIGKILL)
     assert assert_node_safe_in_time(rig, run) == "watchdog"
     assert run.json("run.json")["status"] == "running"
     assert len(read_log(run)) > 20
 
 
-def test_case_50_asked_to_end_it_ramps_down_and_closes_its_record(rig, run):
+def test_case_50_asked_to_end_it_ramps_down_and_closes_its_record(rig: Rig, run: Run) -> None:
     run.process.signal(signal.SIGTERM)
     assert run.wait() == 143, run.out
     last = rig.pump()[-1]

@@ -12,28 +12,28 @@ ID = CONTRACT.frames["LowerLevels"].frame_id
 SILENCE_NS = 150 * MS
 
 
-def check(name="LowerLevels"):
+def check(name: str = "LowerLevels") -> frame_check.FrameCheck:
     return FrameCheck(CONTRACT.frames[name])
 
 
-def begun(counter, at_ns=1000 * MS):
+def begun(counter: int, at_ns: int = 1000 * MS) -> frame_check.FrameCheck:
     one = check()
     assert not isinstance(one.admit(frame("LowerLevels", counter), at_ns), Rejection)
     return one
 
 
-def verdict(one, counter, at_ns):
+def verdict(one: frame_check.FrameCheck, counter: int, at_ns: int) -> frame_check.Rejection | None:
     admitted = one.admit(frame("LowerLevels", counter), at_ns)
     return admitted if isinstance(admitted, Rejection) else None
 
 
-def test_the_rules_are_those_of_the_contract():
+def test_the_rules_are_those_of_the_contract() -> None:
     assert (frame_check.RESYNCHRONISE_NS, frame_check.LARGEST_COUNTER_STEP) == (150_000_000, 8)
 
 
 @pytest.mark.parametrize("counter", range(16))
 @pytest.mark.parametrize("at_ns", [0, 1, 149 * MS, 10**12])
-def test_the_first_frame_is_taken_whatever_its_counter_and_time(counter, at_ns):
+def test_the_first_frame_is_taken_whatever_its_counter_and_time(counter: int, at_ns: int) -> None:
     one = check()
     assert (one.counter, one.accepted_ns, one.lost, one.refused_run) == (-1, 0, 0, 0)
     assert verdict(one, counter, at_ns) is None
@@ -42,7 +42,7 @@ def test_the_first_frame_is_taken_whatever_its_counter_and_time(counter, at_ns):
 
 @pytest.mark.parametrize("last", [0, 3, 15])
 @pytest.mark.parametrize("step", range(16))
-def test_steps_of_the_counter(last, step):
+def test_steps_of_the_counter(last: int, step: int) -> None:
     one = begun(last)
     found = verdict(one, (last + step) % 16, 1000 * MS + SILENCE_NS)
     if 1 <= step <= 8:
@@ -56,7 +56,7 @@ def test_steps_of_the_counter(last, step):
 
 
 @pytest.mark.parametrize("step", range(16))
-def test_after_a_silence_any_counter_is_taken_and_one_that_stands_still_is_doubted(step):
+def test_after_a_silence_any_counter_is_taken_and_one_that_stands_still_is_doubted(step: int) -> None:
     one = begun(3)
     assert verdict(one, 3, 1001 * MS) is Rejection.DUPLICATE
     assert verdict(one, (3 + step) % 16, 1000 * MS + SILENCE_NS + 1) is None
@@ -64,14 +64,14 @@ def test_after_a_silence_any_counter_is_taken_and_one_that_stands_still_is_doubt
     assert one.refused_run == (0 if step else 2)
 
 
-def test_losses_add_up():
+def test_losses_add_up() -> None:
     one = begun(0)
     assert verdict(one, 3, 1020 * MS) is None
     assert verdict(one, 5, 1040 * MS) is None
     assert one.lost == 3
 
 
-def test_every_refusal_makes_the_run_longer_but_those_of_another_kind():
+def test_every_refusal_makes_the_run_longer_but_those_of_another_kind() -> None:
     one = begun(0)
     bad_crc = frame("LowerLevels", 1)
     bad_crc.data[6] ^= 1
@@ -101,7 +101,7 @@ def test_every_refusal_makes_the_run_longer_but_those_of_another_kind():
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_byte_counts_for_the_crc(name):
+def test_every_byte_counts_for_the_crc(name: str) -> None:
     good = frame(name, 1)
     for byte in range(len(good.data)):
         bad = frame(name, 1)
@@ -110,7 +110,7 @@ def test_every_byte_counts_for_the_crc(name):
     assert check(name).admit(good, 0)["Counter"] == 1
 
 
-def test_causes_have_their_names_and_checks_no_room_for_more():
+def test_causes_have_their_names_and_checks_no_room_for_more() -> None:
     assert [str(cause) for cause in Rejection] == [
         "error_frame", "kind", "unknown_id", "length", "crc", "duplicate", "old", "range",
     ]  # fmt: skip

@@ -4,6 +4,7 @@ import math
 import re
 import zlib
 from contextlib import suppress
+from typing import Any
 
 import pytest
 from crccheck.crc import Crc8Autosar
@@ -12,16 +13,16 @@ from hypothesis import strategies as st
 
 from hil.core.types import Command
 from hil.wire.command_sender import CommandSender
-from hil.wire.contract import Contract, ContractError, crc8, fingerprint
+from hil.wire.contract import Contract, ContractError, FrameSpec, crc8, fingerprint
 from tests.wire.wire_bench import CONTRACT, DATABASE, DBC, DEFAULTS, GOLDEN, NAMES, go, payload_of, sealed
 
 
-def spec_of(can_id):
+def spec_of(can_id) -> FrameSpec:
     return next(spec for spec in CONTRACT.frames.values() if spec.frame_id == can_id)
 
 
 @pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: golden["about"])
-def test_golden_bytes_decode_to_golden_values(golden):
+def test_golden_bytes_decode_to_golden_values(golden: dict[str, Any]) -> None:
     data = bytes.fromhex(golden["data"])
     values = spec_of(golden["id"]).decode(data)
     assert values.pop("Crc") == data[-1]
@@ -29,12 +30,12 @@ def test_golden_bytes_decode_to_golden_values(golden):
 
 
 @pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: golden["about"])
-def test_golden_values_encode_to_golden_bytes(golden):
+def test_golden_values_encode_to_golden_bytes(golden: dict[str, Any]) -> None:
     assert spec_of(golden["id"]).encode(golden["values"]).hex(" ") == golden["data"]
 
 
 @pytest.mark.parametrize("golden", [g for g in GOLDEN if g["id"] == 0x201], ids=lambda golden: golden["about"])
-def test_sender_writes_the_golden_commands(golden):
+def test_sender_writes_the_golden_commands(golden: dict[str, Any]) -> None:
     values = golden["values"]
     sender = CommandSender(CONTRACT)
     assert sender.frame_id == golden["id"]
@@ -47,7 +48,7 @@ def test_sender_writes_the_golden_commands(golden):
 @pytest.mark.parametrize("name", NAMES)
 @settings(max_examples=60, deadline=None)
 @given(st.binary(min_size=8, max_size=8))
-def test_decoding_agrees_with_cantools(name, noise):
+def test_decoding_agrees_with_cantools(name: str, noise: bytes) -> None:
     spec, theirs = CONTRACT.frames[name], DATABASE.get_message_by_name(name)
     data = noise[: spec.length]
     expected = theirs.decode(data, decode_choices=False)
@@ -61,7 +62,7 @@ def test_decoding_agrees_with_cantools(name, noise):
 @pytest.mark.parametrize("name", NAMES)
 @settings(max_examples=60, deadline=None)
 @given(st.data())
-def test_in_range_values_come_back_from_the_wire(name, data):
+def test_in_range_values_come_back_from_the_wire(name: str, data: st.DataObject) -> None:
     signals = [s for s in DATABASE.get_message_by_name(name).signals if s.name != "Crc"]
     values = {s.name: data.draw(st.integers(0, round(s.maximum / s.scale))) * float(s.scale) for s in signals}
     payload = CONTRACT.frames[name].encode(values)
@@ -72,7 +73,7 @@ def test_in_range_values_come_back_from_the_wire(name, data):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_one_step_beyond_a_signals_range_is_refused_both_ways(name):
+def test_one_step_beyond_a_signals_range_is_refused_both_ways(name: str) -> None:
     spec, theirs = CONTRACT.frames[name], DATABASE.get_message_by_name(name)
     refused = 0
     for signal in theirs.signals:
@@ -93,7 +94,7 @@ def test_one_step_beyond_a_signals_range_is_refused_both_ways(name):
 
 @settings(max_examples=60, deadline=None)
 @given(st.floats(0.0, 10.0), st.floats(0.0, 10.0), st.booleans(), st.integers(0, 40))
-def test_commands_come_back_from_the_wire_with_their_counter(v1, v2, enable, before):
+def test_commands_come_back_from_the_wire_with_their_counter(v1: float, v2: float, enable: bool, before: int) -> None:
     sender = CommandSender(CONTRACT)
     for _ in range(before):
         sender.encode(go(), 0)
@@ -105,7 +106,7 @@ def test_commands_come_back_from_the_wire_with_their_counter(v1, v2, enable, bef
 
 
 @pytest.mark.parametrize("volts", [math.nan, math.inf, -math.inf, -0.0002, 10.0002, 1e9])
-def test_a_command_that_is_no_voltage_of_a_pump_is_never_put_on_the_wire(volts):
+def test_a_command_that_is_no_voltage_of_a_pump_is_never_put_on_the_wire(volts: float) -> None:
     sender = CommandSender(CONTRACT)
     for command in (go(volts, 1.0), go(1.0, volts)):
         with pytest.raises((ValueError, OverflowError)):
@@ -117,16 +118,16 @@ def test_a_command_that_is_no_voltage_of_a_pump_is_never_put_on_the_wire(volts):
 
 @settings(max_examples=100, deadline=None)
 @given(st.binary(max_size=64))
-def test_crc_is_that_of_autosar(data):
+def test_crc_is_that_of_autosar(data: bytes) -> None:
     assert crc8(data) == Crc8Autosar.calc(data)
     assert crc8(bytearray(data)) == crc8(data)
 
 
-def test_crc_check_value():
+def test_crc_check_value() -> None:
     assert crc8(b"123456789") == 0xDF
 
 
-def test_contract_has_the_frames_and_identifiers_of_the_dbc():
+def test_contract_has_the_frames_and_identifiers_of_the_dbc() -> None:
     assert set(CONTRACT.ids) == {m.frame_id for m in DATABASE.messages}
     for name, spec in CONTRACT.frames.items():
         assert (spec.name, spec.frame_id, spec.length) == (
@@ -136,7 +137,7 @@ def test_contract_has_the_frames_and_identifiers_of_the_dbc():
         )
 
 
-def test_fingerprint_is_blind_to_line_endings_and_nothing_else():
+def test_fingerprint_is_blind_to_line_endings_and_nothing_else() -> None:
     expected = zlib.crc32("\n".join(line.rstrip() for line in DBC.splitlines()).encode())
     assert fingerprint(DBC) == CONTRACT.fingerprint == expected
     assert fingerprint(DBC.replace("\n", "\r\n")) == expected
@@ -146,30 +147,30 @@ def test_fingerprint_is_blind_to_line_endings_and_nothing_else():
     assert fingerprint(DBC.replace("\n", "\n ")) != expected
 
 
-def without(pattern):
+def without(pattern: str) -> str:
     changed, count = re.subn(pattern, "", DBC, flags=re.MULTILINE)
     assert count
     return changed
 
 
-def with_change(old, new):
+def with_change(old: str, new: str) -> str:
     assert old in DBC
     return DBC.replace(old, new)
 
 
-def without_frame(can_id):
+def without_frame(can_id: int) -> str:
     text = without(rf"^BO_ {can_id} .*\n( SG_ .*\n)+")
     return re.sub(rf"^(CM_ (BO|SG)_|VAL_|BA_ .* BO_) {can_id} .*\n", "", text, flags=re.MULTILINE)
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_dbc_without_one_of_the_frames_is_refused(name):
+def test_a_dbc_without_one_of_the_frames_is_refused(name: str) -> None:
     with pytest.raises(ContractError, match=f"^has no frame {name}$"):
         Contract.from_dbc(without_frame(CONTRACT.frames[name].frame_id))
 
 
 @pytest.mark.parametrize(("name", "signal"), [(m.name, s.name) for m in DATABASE.messages for s in m.signals])
-def test_a_dbc_without_one_of_the_signals_is_refused(name, signal):
+def test_a_dbc_without_one_of_the_signals_is_refused(name: str, signal: str) -> None:
     lines, renamed, inside = [], 0, False
     for line in DBC.splitlines():
         inside = line.startswith(f"BO_ {CONTRACT.frames[name].frame_id} ") or (inside and line.startswith(" SG_ "))
@@ -215,7 +216,7 @@ def test_a_dbc_without_one_of_the_signals_is_refused(name, signal):
         (with_change("Counter : 36|4@1+ (1,0)", "Counter : 36|4@1+ (2,0)"), "must count 0..15"),
     ],
 )
-def test_a_wrong_dbc_is_refused_with_the_reason(text, reason):
+def test_a_wrong_dbc_is_refused_with_the_reason(text: str, reason: str) -> None:
     with pytest.raises(ContractError) as refusal:
         Contract.from_dbc(text)
     assert reason in str(refusal.value)
@@ -224,19 +225,19 @@ def test_a_wrong_dbc_is_refused_with_the_reason(text, reason):
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, DBC.index("CM_ ")), st.integers(1, 12), st.sampled_from(["", "0", "-1", "7", "x", " ", "@"]))
-def test_a_damaged_dbc_is_taken_or_refused_but_nothing_else(position, length, patch):
+def test_a_damaged_dbc_is_taken_or_refused_but_nothing_else(position: int, length: int, patch) -> None:
     with suppress(ContractError):
         Contract.from_dbc(DBC[:position] + patch + DBC[position + length :])
 
 
-def test_a_signal_too_many_is_spare_bits():
+def test_a_signal_too_many_is_spare_bits() -> None:
     """It used to make every command impossible to encode, the one for 0 V included."""
     extra = with_change(" SG_ Counter : 36|4@1+", ' SG_ Spare : 34|2@1+ (1,0) [0|3] "" PUMPS\n SG_ Counter : 36|4@1+')
     contract = Contract.from_dbc(extra)
     assert CommandSender(contract).encode(go(), 0) == CommandSender(CONTRACT).encode(go(), 0)
 
 
-def test_a_range_of_nothing_is_the_whole_width():
+def test_a_range_of_nothing_is_the_whole_width() -> None:
     contract = Contract.from_dbc(
         with_change("Level1 : 0|16@1+ (0.0002,0) [0|10.24]", "Level1 : 0|16@1+ (0.0002,0) [0|0]")
     )

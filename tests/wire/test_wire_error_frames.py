@@ -20,7 +20,7 @@ QUIET = bytes(8)
         (0x100, "restarted"),
     ],
 )
-def test_each_class_has_its_kind(bit, kind):
+def test_each_class_has_its_kind(bit: int, kind: str) -> None:
     assert read(bit, QUIET) == (ErrorKind(kind),)
 
 
@@ -37,18 +37,18 @@ def test_each_class_has_its_kind(bit, kind):
         (0x21, ("overflow", "error_passive")),
     ],
 )
-def test_the_state_of_the_controller_stands_in_the_payload(detail, kinds):
+def test_the_state_of_the_controller_stands_in_the_payload(detail: int, kinds: tuple[str, ...]) -> None:
     assert read(0x4, bytes([0, detail, 0, 0, 0, 0, 0, 0])) == tuple(map(ErrorKind, kinds))
 
 
-def test_several_classes_are_all_read():
+def test_several_classes_are_all_read() -> None:
     assert read(0x4 | 0x8 | 0x80, b"\0\x10") == (ErrorKind.PROTOCOL, ErrorKind.BUS_ERROR, ErrorKind.PASSIVE)
 
 
 @pytest.mark.parametrize(("classes", "data"), [(0, QUIET), (0x200, QUIET), (0x4, QUIET), (0x4, b""), (0x4, b"\x10")])
-def test_what_says_nothing_known_is_still_an_error_frame(classes, data):
+def test_what_says_nothing_known_is_still_an_error_frame(classes: int, data: bytes) -> None:
     assert read(classes, data) == (ErrorKind.OTHER,)
 
 
-def test_every_kind_has_words():
+def test_every_kind_has_words() -> None:
     assert set(WORDS) == set(ErrorKind)

@@ -2,15 +2,17 @@
 
 import math
 
+import can
 import pytest
 
 from hil.wire.frame_check import Rejection
+from hil.wire.receiver import Receiver
 from tests.wire.wire_bench import MS, NODE_FRAMES, feed_levels, frame, message, receiver
 
 # readings that are not valid
 
 
-def test_the_mean_is_that_of_the_valid_readings():
+def test_the_mean_is_that_of_the_valid_readings() -> None:
     """A sensor that is shorted for two readings of five used to move the mean by volts."""
     receiver_, _ = receiver((0.5, 9.5))
     readings = (6.0, 10.2, 6.2, 0.0, 6.1)
@@ -25,7 +27,7 @@ def test_the_mean_is_that_of_the_valid_readings():
 
 
 @pytest.mark.parametrize("channel", range(4))
-def test_the_node_may_disown_one_channel_of_a_frame_and_the_other_counts(channel):
+def test_the_node_may_disown_one_channel_of_a_frame_and_the_other_counts(channel: int) -> None:
     receiver_, _ = receiver()
     statuses = tuple(3 * (i == channel) for i in range(4))
     feed_levels(receiver_, 0, 0, (2.0,) * 4)
@@ -37,7 +39,7 @@ def test_the_node_may_disown_one_channel_of_a_frame_and_the_other_counts(channel
     assert found.invalid_run == tuple(int(i == channel) for i in range(4))
 
 
-def test_without_a_valid_reading_the_newest_one_stands_marked_as_it_is():
+def test_without_a_valid_reading_the_newest_one_stands_marked_as_it_is() -> None:
     receiver_, _ = receiver((0.5, 9.5))
     feed_levels(receiver_, 0, 0, (6.0,) * 4)
     receiver_.measurement(0)
@@ -51,18 +53,18 @@ def test_without_a_valid_reading_the_newest_one_stands_marked_as_it_is():
 # runs of refusals, error frames
 
 
-def worst_run(receiver_, now_ns=0):
+def worst_run(receiver_: Receiver, now_ns: int = 0) -> int:
     return receiver_.bus(now_ns, 0, is_up=True).refused_run
 
 
-def corrupt(name, counter):
+def corrupt(name: str, counter: int) -> can.Message:
     bad = frame(name, counter)
     bad.data[0] ^= 0x40
     return bad
 
 
 @pytest.mark.parametrize("name", [*NODE_FRAMES, "PumpCommand"])
-def test_refusals_of_one_identifier_in_a_row_are_counted(name):
+def test_refusals_of_one_identifier_in_a_row_are_counted(name: str) -> None:
     receiver_, _ = receiver()
     receiver_.take(frame(name, 0), 0)
     for number in range(1, 5):
@@ -74,7 +76,7 @@ def test_refusals_of_one_identifier_in_a_row_are_counted(name):
     assert worst_run(receiver_) == 1
 
 
-def test_a_run_that_ended_before_the_step_is_still_seen():
+def test_a_run_that_ended_before_the_step_is_still_seen() -> None:
     receiver_, _ = receiver()
     receiver_.take(frame("LowerLevels", 0), 0)
     for number in range(1, 6):
@@ -84,7 +86,7 @@ def test_a_run_that_ended_before_the_step_is_still_seen():
     assert worst_run(receiver_) == 0
 
 
-def test_good_frames_of_other_identifiers_do_not_break_a_run():
+def test_good_frames_of_other_identifiers_do_not_break_a_run() -> None:
     receiver_, _ = receiver()
     for number in range(4):
         receiver_.take(corrupt("PumpStatus", number), number * MS)
@@ -93,7 +95,7 @@ def test_good_frames_of_other_identifiers_do_not_break_a_run():
 
 
 @pytest.mark.parametrize("kind", ["is_extended_id", "is_fd", "is_remote_frame", "is_error_frame"])
-def test_frames_of_another_kind_are_nobodys_run(kind):
+def test_frames_of_another_kind_are_nobodys_run(kind: str) -> None:
     receiver_, _ = receiver()
     for number in range(9):
         odd = frame("PumpStatus", number)
@@ -107,7 +109,9 @@ PERIODS = [("LowerLevels", 20), ("PumpStatus", 50), ("PumpHeartbeat", 100), ("Le
 
 @pytest.mark.parametrize(("name", "period_ms"), PERIODS)
 @pytest.mark.parametrize("counter", [0, 7, 15])
-def test_a_counter_that_is_stuck_is_five_frames_running_after_five_frames(name, period_ms, counter):
+def test_a_counter_that_is_stuck_is_five_frames_running_after_five_frames(
+    name: str, period_ms: int, counter: int
+) -> None:
     """What gets in after each silence must not look like health: two of three heartbeats would."""
     receiver_, _ = receiver()
     receiver_.take(frame(name, counter), 1000 * MS)
@@ -120,7 +124,7 @@ def test_a_counter_that_is_stuck_is_five_frames_running_after_five_frames(name, 
     assert worst_run(receiver_) == 1
 
 
-def test_a_silence_of_sixteen_frames_is_one_doubtful_frame():
+def test_a_silence_of_sixteen_frames_is_one_doubtful_frame() -> None:
     receiver_, _ = receiver()
     receiver_.take(frame("LowerLevels", 3), 0)
     assert receiver_.take(frame("LowerLevels", 3), 320 * MS) is None
@@ -130,12 +134,12 @@ def test_a_silence_of_sixteen_frames_is_one_doubtful_frame():
     assert worst_run(receiver_) == 1
 
 
-def error_frames(receiver_, count, first_ms=0, every_ms=1):
+def error_frames(receiver_: Receiver, count: int, first_ms: int = 0, every_ms: int = 1) -> None:
     for number in range(count):
         receiver_.take(message(0, b"", is_error_frame=True), (first_ms + number * every_ms) * MS)
 
 
-def test_error_frames_of_the_last_second_are_counted():
+def test_error_frames_of_the_last_second_are_counted() -> None:
     receiver_, _ = receiver()
     error_frames(receiver_, 7, every_ms=100)
     assert receiver_.bus(600 * MS, 0, is_up=True).errors_per_s == 7
@@ -146,14 +150,14 @@ def test_error_frames_of_the_last_second_are_counted():
     assert receiver_.rejections[Rejection.ERROR_FRAME] == 7
 
 
-def test_a_storm_takes_no_more_memory_than_it_has_to():
+def test_a_storm_takes_no_more_memory_than_it_has_to() -> None:
     receiver_, _ = receiver()
     error_frames(receiver_, 5000, every_ms=0)
     assert receiver_.bus(MS, 0, is_up=True).errors_per_s == 1000
     assert receiver_.bus(MS, 0, is_up=True).rejected == 5000
 
 
-def test_bus_health_passes_on_what_the_bus_complained_of():
+def test_bus_health_passes_on_what_the_bus_complained_of() -> None:
     receiver_, _ = receiver()
     assert receiver_.bus(0, 0, is_up=True).last_error == ""
     assert receiver_.bus(0, 0, is_up=False, last_error="gone").last_error == "gone"

@@ -8,8 +8,9 @@ from can import Message
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil.core.types import NodeState
+from hil.core.types import NodeState, Pair
 from hil.wire.frame_check import LARGEST_COUNTER_STEP, RESYNCHRONISE_NS, Rejection
+from hil.wire.receiver import Receiver
 from tests.wire.wire_bench import (
     CONTRACT,
     MS,
@@ -28,7 +29,7 @@ from tests.wire.wire_bench import (
 PERIOD_NS = {"LowerLevels": 20 * MS, "UpperLevels": 20 * MS, "PumpStatus": 50 * MS}
 
 
-def test_before_the_first_frame_nothing_is_known():
+def test_before_the_first_frame_nothing_is_known() -> None:
     receiver_, _ = receiver()
     measurement, pumps, nodes = receiver_.measurement(MS), receiver_.pumps(MS), receiver_.nodes(MS)
     assert all(map(math.isnan, measurement.level_V))
@@ -46,7 +47,7 @@ def test_before_the_first_frame_nothing_is_known():
 
 @pytest.mark.parametrize("flips", [1, 2])
 @pytest.mark.parametrize("name", NAMES)
-def test_every_flip_of_one_or_two_bits_is_refused(name, flips):
+def test_every_flip_of_one_or_two_bits_is_refused(name: str, flips: int) -> None:
     good = payload_of(name, 5)
     receiver_, _ = receiver()
     broken = message(CONTRACT.frames[name].frame_id, good)
@@ -94,8 +95,8 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("bad", "cause"), REFUSED)
-def test_what_is_refused_changes_nothing_and_is_counted_by_its_cause(bad, cause):
-    def begun():
+def test_what_is_refused_changes_nothing_and_is_counted_by_its_cause(bad: Message, cause: Rejection) -> None:
+    def begun() -> Receiver:
         receiver_, _ = receiver()
         for name in NODE_FRAMES:
             assert receiver_.take(frame(name, 0), MS) is None
@@ -120,7 +121,9 @@ def test_what_is_refused_changes_nothing_and_is_counted_by_its_cause(bad, cause)
     st.integers(0, 10**12),
     st.booleans(),
 )
-def test_no_frame_raises(can_id, data, extended, remote, error, at_ns, seal):
+def test_no_frame_raises(
+    can_id, data: bytes, extended: bool, remote: bool, error: bool, at_ns: int, seal: bool
+) -> None:
     receiver_, sender = receiver()
     sender.encode(go(), 0)
     name = next((n for n, s in CONTRACT.frames.items() if s.frame_id == can_id), None)
@@ -139,7 +142,7 @@ def test_no_frame_raises(can_id, data, extended, remote, error, at_ns, seal):
 
 @pytest.mark.parametrize("last", range(16))
 @pytest.mark.parametrize("step", range(16))
-def test_counter_rule(last, step):
+def test_counter_rule(last: int, step: int) -> None:
     receiver_, _ = receiver()
     assert receiver_.take(frame("LowerLevels", last), 0) is None
     verdict = receiver_.take(frame("LowerLevels", (last + step) % 16), 20 * MS)
@@ -153,7 +156,7 @@ def test_counter_rule(last, step):
 
 
 @pytest.mark.parametrize("step", range(16))
-def test_after_the_resynchronisation_time_any_counter_is_good(step):
+def test_after_the_resynchronisation_time_any_counter_is_good(step: int) -> None:
     for late_ns, is_taken in ((RESYNCHRONISE_NS, 1 <= step <= LARGEST_COUNTER_STEP), (RESYNCHRONISE_NS + 1, True)):
         receiver_, _ = receiver()
         receiver_.take(frame("LowerLevels", 3), 0)
@@ -164,7 +167,7 @@ def test_after_the_resynchronisation_time_any_counter_is_good(step):
 
 @pytest.mark.parametrize("name", ["LowerLevels", "UpperLevels", "PumpStatus"])
 @pytest.mark.parametrize("burst", range(1, 33))
-def test_after_a_burst_of_lost_frames_the_next_is_taken(name, burst):
+def test_after_a_burst_of_lost_frames_the_next_is_taken(name: str, burst: int) -> None:
     """15, 16 and 32 lost frames wrap the counter; the time gone tells them from duplicates."""
     receiver_, _ = receiver()
     period_ns = PERIOD_NS[name]
@@ -176,14 +179,14 @@ def test_after_a_burst_of_lost_frames_the_next_is_taken(name, burst):
     assert receiver_.accepted == len(numbers)
 
 
-def test_a_stuck_counter_goes_stale_and_then_gets_in_once_per_resynchronisation():
+def test_a_stuck_counter_goes_stale_and_then_gets_in_once_per_resynchronisation() -> None:
     receiver_, _ = receiver()
     verdicts = [receiver_.take(frame("LowerLevels", 7), n * 20 * MS) for n in range(17)]
     assert [n for n, v in enumerate(verdicts) if v is None] == [0, 8, 16]
     assert receiver_.rejections == {Rejection.DUPLICATE: 14}
 
 
-def test_counters_of_different_frames_do_not_mix():
+def test_counters_of_different_frames_do_not_mix() -> None:
     receiver_, _ = receiver()
     for counter, name in enumerate(NODE_FRAMES):
         assert receiver_.take(frame(name, 3 * counter), MS) is None
@@ -192,7 +195,7 @@ def test_counters_of_different_frames_do_not_mix():
     assert receiver_.lost == 0
 
 
-def test_swapped_frames_leave_the_newer_one():
+def test_swapped_frames_leave_the_newer_one() -> None:
     receiver_, _ = receiver()
     receiver_.take(frame("LowerLevels", 0, Level1=1.0), 0)
     receiver_.take(frame("LowerLevels", 2, Level1=3.0), MS)
@@ -204,7 +207,7 @@ def test_swapped_frames_leave_the_newer_one():
 # levels
 
 
-def test_a_step_gets_the_mean_of_the_readings_since_the_last_one():
+def test_a_step_gets_the_mean_of_the_readings_since_the_last_one() -> None:
     receiver_, _ = receiver()
     for counter, y in enumerate((1.0, 2.0, 6.0)):
         feed_levels(receiver_, counter, counter * 20 * MS, (y, y + 0.1, y + 0.2, y + 0.3))
@@ -216,7 +219,7 @@ def test_a_step_gets_the_mean_of_the_readings_since_the_last_one():
     assert receiver_.measurement(60 * MS).level_V == pytest.approx((4.0, 4.1, 4.2, 4.3))
 
 
-def test_without_new_readings_the_newest_stands_and_ages():
+def test_without_new_readings_the_newest_stands_and_ages() -> None:
     receiver_, _ = receiver()
     feed_levels(receiver_, 0, 0, (1.0, 1.0, 1.0, 1.0))
     feed_levels(receiver_, 1, 20 * MS, (2.0, 2.0, 2.0, 2.0))
@@ -229,7 +232,7 @@ def test_without_new_readings_the_newest_stands_and_ages():
 
 
 @pytest.mark.parametrize("silent", ["LowerLevels", "UpperLevels"])
-def test_the_older_frame_makes_the_age_and_the_scarcer_one_the_readings(silent):
+def test_the_older_frame_makes_the_age_and_the_scarcer_one_the_readings(silent: str) -> None:
     receiver_, _ = receiver()
     feed_levels(receiver_, 0, 0)
     other = "UpperLevels" if silent == "LowerLevels" else "LowerLevels"
@@ -241,7 +244,7 @@ def test_the_older_frame_makes_the_age_and_the_scarcer_one_the_readings(silent):
     assert receiver_.measurement(100 * MS).readings == 0
 
 
-def test_one_level_frame_alone_is_not_a_measurement():
+def test_one_level_frame_alone_is_not_a_measurement() -> None:
     receiver_, _ = receiver()
     receiver_.take(frame("LowerLevels", 0), 0)
     found = receiver_.measurement(MS)
@@ -255,7 +258,9 @@ def test_one_level_frame_alone_is_not_a_measurement():
     ("reading", "is_valid"),
     [(0.0, False), (0.4998, False), (0.5, True), (9.5, True), (9.5002, False), (10.24, False)],
 )
-def test_a_reading_outside_of_the_sensors_range_is_not_valid_whatever_the_node_says(channel, reading, is_valid):
+def test_a_reading_outside_of_the_sensors_range_is_not_valid_whatever_the_node_says(
+    channel: int, reading: float, is_valid: bool
+) -> None:
     receiver_, _ = receiver((0.5, 9.5))
     levels = [5.0] * 4
     levels[channel] = reading
@@ -265,7 +270,7 @@ def test_a_reading_outside_of_the_sensors_range_is_not_valid_whatever_the_node_s
 
 @pytest.mark.parametrize("channel", range(4))
 @pytest.mark.parametrize("status", range(4))
-def test_only_status_ok_vouches_for_a_channel(channel, status):
+def test_only_status_ok_vouches_for_a_channel(channel: int, status: int) -> None:
     receiver_, _ = receiver()
     statuses = [0] * 4
     statuses[channel] = status
@@ -273,7 +278,7 @@ def test_only_status_ok_vouches_for_a_channel(channel, status):
     assert receiver_.measurement(MS).valid == tuple(status == 0 if i == channel else True for i in range(4))
 
 
-def test_validity_is_that_of_the_newest_reading():
+def test_validity_is_that_of_the_newest_reading() -> None:
     receiver_, _ = receiver()
     feed_levels(receiver_, 0, 0, statuses=(0, 3, 0, 0))
     feed_levels(receiver_, 1, 20 * MS)
@@ -285,7 +290,7 @@ def test_validity_is_that_of_the_newest_reading():
 # pump status, heartbeats, commands of others
 
 
-def test_status_is_what_the_node_last_said():
+def test_status_is_what_the_node_last_said() -> None:
     receiver_, _ = receiver()
     receiver_.take(frame("PumpStatus", 0, State=1), 0)
     receiver_.take(frame("PumpStatus", 1, Applied1=1.5, Applied2=2.5, State=3, TripCause=1), 50 * MS)
@@ -297,14 +302,14 @@ def test_status_is_what_the_node_last_said():
 
 
 @pytest.mark.parametrize("state", list(NodeState))
-def test_every_node_state_is_known(state):
+def test_every_node_state_is_known(state: NodeState) -> None:
     receiver_, _ = receiver()
     receiver_.take(frame("PumpStatus", 0, State=int(state)), 0)
     assert receiver_.pumps(0).state is state
 
 
 @pytest.mark.parametrize("silent", ["PumpHeartbeat", "LevelHeartbeat"])
-def test_both_nodes_have_to_beat(silent):
+def test_both_nodes_have_to_beat(silent: str) -> None:
     other = "LevelHeartbeat" if silent == "PumpHeartbeat" else "PumpHeartbeat"
     receiver_, _ = receiver()
     receiver_.take(frame(other, 0), 0)
@@ -319,7 +324,7 @@ def test_both_nodes_have_to_beat(silent):
 
 @pytest.mark.parametrize("name", ["PumpHeartbeat", "LevelHeartbeat"])
 @pytest.mark.parametrize(("first", "then"), [(1, 2), (65535, 0), (5, 4), (0, 1)])
-def test_a_changed_boot_count_is_a_reboot_for_ever(name, first, then):
+def test_a_changed_boot_count_is_a_reboot_for_ever(name: str, first: int, then: int) -> None:
     receiver_, _ = receiver()
     receiver_.take(frame(name, 0, BootCount=first), 0)
     receiver_.take(frame(name, 1, BootCount=first), 100 * MS)
@@ -333,7 +338,7 @@ def test_a_changed_boot_count_is_a_reboot_for_ever(name, first, then):
 
 
 @pytest.mark.parametrize("name", ["PumpHeartbeat", "LevelHeartbeat"])
-def test_a_node_with_another_contract_is_noticed(name):
+def test_a_node_with_another_contract_is_noticed(name: str) -> None:
     receiver_, _ = receiver()
     receiver_.take(frame("PumpHeartbeat", 0), 0)
     receiver_.take(frame("LevelHeartbeat", 0), 0)
@@ -343,7 +348,7 @@ def test_a_node_with_another_contract_is_noticed(name):
     assert receiver_.nodes(200 * MS).contract_matches
 
 
-def test_a_command_of_somebody_else_is_noticed():
+def test_a_command_of_somebody_else_is_noticed() -> None:
     receiver_, _ = receiver()
     receiver_.take(frame("PumpCommand", 0, Enable=0), 0)
     assert receiver_.bus(0, 0, is_up=True).foreign_commands == 1
@@ -353,7 +358,7 @@ def test_a_command_of_somebody_else_is_noticed():
     assert receiver_.bus(0, 0, is_up=True).foreign_commands == 1
 
 
-def test_bus_health_passes_on_what_the_port_knows():
+def test_bus_health_passes_on_what_the_port_knows() -> None:
     receiver_, _ = receiver()
     receiver_.take(frame("PumpStatus", 0), 0)
     receiver_.take(message(5, b""), 0)
@@ -364,12 +369,14 @@ def test_bus_health_passes_on_what_the_port_knows():
 # echoes
 
 
-def status(receiver_, counter, echo, accepted, applied=(3.0, 4.0), at_ns=0):
+def status(
+    receiver_: Receiver, counter: int, echo: int, accepted: int, applied: Pair = (3.0, 4.0), at_ns: int = 0
+) -> None:
     values = {"Echo": echo, "Accepted": accepted % 256, "Applied1": applied[0], "Applied2": applied[1]}
     assert receiver_.take(frame("PumpStatus", counter % 16, **values), at_ns) is None
 
 
-def test_shortfall_is_against_the_command_that_the_node_echoes():
+def test_shortfall_is_against_the_command_that_the_node_echoes() -> None:
     receiver_, sender = receiver()
     sender.encode(go(3.0, 4.0), 0)
     sender.encode(go(9.0, 9.0), 0)
@@ -381,14 +388,14 @@ def test_shortfall_is_against_the_command_that_the_node_echoes():
     assert receiver_.pumps(0).shortfall_V == pytest.approx((0.0, 0.0))
 
 
-def test_a_disabled_command_asks_for_0_volts():
+def test_a_disabled_command_asks_for_0_volts() -> None:
     receiver_, sender = receiver()
     sender.encode(go(3.0, 4.0, enable=False), 0)
     status(receiver_, 0, echo=0, accepted=1, applied=(0.0, 0.2))
     assert receiver_.pumps(0).shortfall_V == pytest.approx((0.0, -0.2))
 
 
-def test_a_node_that_has_accepted_nothing_confirms_nothing():
+def test_a_node_that_has_accepted_nothing_confirms_nothing() -> None:
     receiver_, sender = receiver()
     sender.encode(go(), 0)
     status(receiver_, 0, echo=0, accepted=0, applied=(0.0, 0.0))

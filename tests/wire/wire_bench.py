@@ -7,7 +7,7 @@ import cantools
 from can import Message
 from crccheck.crc import Crc8Autosar
 
-from hil.core.types import Command
+from hil.core.types import Command, Measurement, NodeHealth, Pair, PumpFeedback, Quad
 from hil.wire.command_sender import CommandSender
 from hil.wire.contract import Contract
 from hil.wire.receiver import Receiver
@@ -31,31 +31,31 @@ DEFAULTS = {
 }
 
 
-def sealed(name, payload):
+def sealed(name: str, payload: bytes) -> bytes:
     """Payload (the CRC's byte left out) with its CRC, by the description in the DBC."""
     data_id = DATABASE.get_message_by_name(name).dbc.attributes["DataId"].value
     return payload + bytes([Crc8Autosar.calc(data_id.to_bytes(2, "little") + payload)])
 
 
-def payload_of(name, counter=0, **values):
+def payload_of(name: str, counter: int = 0, **values) -> bytes:
     data = DATABASE.encode_message(name, DEFAULTS[name] | {"Counter": counter, "Crc": 0} | values, strict=False)
     return sealed(name, data[:-1])
 
 
-def message(can_id, data, **kind):
+def message(can_id: int, data: bytes, **kind: int) -> Message:
     return Message(arbitration_id=can_id, data=data, **({"is_extended_id": False} | kind))
 
 
-def frame(name, counter=0, **values):
+def frame(name: str, counter: int = 0, **values: float) -> Message:
     return message(DATABASE.get_message_by_name(name).frame_id, payload_of(name, counter, **values))
 
 
-def receiver(sensor_range_V=(0.0, 10.24)):
+def receiver(sensor_range_V: Pair = (0.0, 10.24)) -> tuple[Receiver, CommandSender]:
     sender = CommandSender(CONTRACT)
     return Receiver(CONTRACT, sender, sensor_range_V), sender
 
 
-def seen(receiver_, now_ns=0):
+def seen(receiver_: Receiver, now_ns: int = 0) -> tuple[Measurement, PumpFeedback, NodeHealth, int, int, int]:
     """All that a control step would get to see; asking for it begins a new mean, so the receiver is done with."""
     return (
         receiver_.measurement(now_ns),
@@ -67,11 +67,17 @@ def seen(receiver_, now_ns=0):
     )
 
 
-def go(v1=3.0, v2=4.0, *, enable=True):
+def go(v1: float = 3.0, v2: float = 4.0, *, enable: bool = True) -> Command:
     return Command((v1, v2), enable)
 
 
-def feed_levels(receiver_, counter, at_ns, levels=(6.0, 6.4, 0.8, 0.7), statuses=(0, 0, 0, 0)):
+def feed_levels(
+    receiver_: Receiver,
+    counter: int,
+    at_ns: int,
+    levels: Quad | list[float] = (6.0, 6.4, 0.8, 0.7),
+    statuses: list[int] | tuple[int, ...] = (0, 0, 0, 0),
+) -> None:
     y1, y2, y3, y4 = levels
     s1, s2, s3, s4 = statuses
     lower = frame("LowerLevels", counter, Level1=y1, Level2=y2, Status1=s1, Status2=s2)
