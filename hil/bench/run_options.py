@@ -6,6 +6,7 @@ import time
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import Protocol
 
 from hil.bench.assembly import Bench
 from hil.bench.open_record import TimelineSettings
@@ -13,9 +14,8 @@ from hil.core.controller import ControllerConfig
 from hil.core.types import Event, Severity
 from hil.edge.can.bus import BusPort
 from hil.edge.host.realtime import RealTime
-from hil.edge.record.recorder import Recorder
-from hil.edge.record.recorder_process import ProcessRecorder
-from hil.loop import Outcome
+from hil.edge.record.run_folder import Status
+from hil.loop import Outcome, Recorder
 
 
 @dataclass(frozen=True)
@@ -43,10 +43,17 @@ def timeline_settings(bench: Bench, config: ControllerConfig, options: RunOption
     return TimelineSettings(bench.rig.sensors.gain_V_cm, config.duration_s) if options.rerun else None
 
 
+class ClosableRecorder(Recorder, Protocol):
+    """A recorder of the loop that is closed at the end of the run."""
+
+    def close(self, status: Status, reason: str, *, speed_x: float | None = None) -> None:
+        """Finish the record and keep how the run ended. speed_x : scenario seconds per wall second."""
+
+
 class RunRecord:
     """Closes a recorder whatever happens, with how the run ended and what became of its commands as the last event."""
 
-    def __init__(self, recorder: Recorder | ProcessRecorder, port: BusPort) -> None:
+    def __init__(self, recorder: ClosableRecorder, port: BusPort) -> None:
         self.recorder = recorder
         self._port = port
         self.outcome: Outcome | None = None

@@ -6,16 +6,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from hil.campaigns import delay_figures, statistics
+from hil.campaigns.figure_text import rate_text, spread_text
 from hil.campaigns.row import INVARIANTS, Row
 from hil.campaigns.statistics import FaultClass
 from hil.campaigns.store import Store
-from hil.campaigns.summary import rate_text, spread_text
 from hil.edge.record.run_folder import write_atomically
 from hil.review import page
 from hil.review.run_figures import style
 
-MOST_DECLARED = 14
-MOST_ROWS = 200
+MAX_DECLARED = 14
+MAX_ROWS = 200
 OTHER = "other"
 WORDS = {
     "overflow": "No level above the rim, no water over it.",
@@ -89,7 +89,7 @@ def _invariants(rows: Sequence[Row]) -> str:
     ]
     classes = ["ERROR" if guilty[name] else "" for name in INVARIANTS]
     heads = ["invariant", f"in {len(rows)} runs", "seeds"]
-    worst = [[row.key, row.label, str(row.seed), row.broken] for row in rows if row.breaks][:MOST_ROWS]
+    worst = [[row.key, row.label, str(row.seed), row.broken] for row in rows if row.breaks][:MAX_ROWS]
     details = page.table(["case", "fault", "seed", "what"], worst) if worst else ""
     highest = max((row.level_max_cm for row in rows if row.level_max_cm is not None), default=None)
     note = "" if highest is None else f'<p class="soft">Highest level of all: {highest:.2f} cm.</p>'
@@ -137,7 +137,7 @@ def _confusion(rows: Sequence[Row]) -> str:
     for counts in table.values():
         for name, count in counts.items():
             totals[name] = totals.get(name, 0) + count
-    named = sorted(totals, key=lambda name: (-totals[name], name))[:MOST_DECLARED]
+    named = sorted(totals, key=lambda name: (-totals[name], name))[:MAX_DECLARED]
     rest = set(totals) - set(named)
     heads = ["there", *named, *([OTHER] if rest else [])]
     lines = [[label, *_counts(counts, named, rest)] for label, counts in table.items()]
@@ -168,7 +168,7 @@ def _false_alarms(rows: Sequence[Row]) -> str:
         if row.false_alarms or row.spurious_alarms
     ]
     heads = ["case", "scenario", "fault", "seed", "false", "spurious", "declared after the onset"]
-    listed = page.table(heads, lines[:MOST_ROWS], numeric=frozenset((3, 4, 5))) if lines else ""
+    listed = page.table(heads, lines[:MAX_ROWS], numeric=frozenset((3, 4, 5))) if lines else ""
     return f"<p>{page.escape(text)}</p>{listed}"
 
 
@@ -178,7 +178,7 @@ def _trips(rows: Sequence[Row]) -> str:
         for row in rows
         if row.trip_cause
     ]
-    return page.table(["case", "fault", "seed", "cause", "at [s]"], lines[:MOST_ROWS]) if lines else ""
+    return page.table(["case", "fault", "seed", "cause", "at [s]"], lines[:MAX_ROWS]) if lines else ""
 
 
 def _share(count: int, of: int) -> str:

@@ -10,7 +10,7 @@ from random import Random
 from typing import Any
 
 from hil.campaigns.spec import FaultRow, PoolRow, Spec, Target
-from hil.edge.config.settings_file import merged
+from hil.edge.config.settings_file import SettingsError, merged
 
 KEY_DIGITS = 16
 ONSET_DIGITS = 6
@@ -68,6 +68,17 @@ def with_seeds(spec: Spec, seeds: int | None, first_seed: int | None, duration_s
     said = {"seeds": seeds, "first_seed": first_seed, "duration_s": duration_s}
     changes = {name: value for name, value in said.items() if value is not None}
     return spec.model_copy(update={"campaign": spec.campaign.model_copy(update=changes)})
+
+
+def check_faults_are_played(case: Case, where: str) -> None:
+    """A fault that begins after the end of the run would count as one that was not found. Raises SettingsError."""
+    duration_s = float(case.story["scenario"]["duration_s"])
+    for fault in case.faults:
+        if float(fault["at_s"]) >= duration_s:
+            raise SettingsError(
+                f"{where}: seed {case.seed}: {fault['kind']} begins at {fault['at_s']:g} s, but the run ends at "
+                f"{duration_s:g} s: it would not be played; lengthen the run (--duration, duration_s) or lower onset_s"
+            )
 
 
 def fault_label(faults: Sequence[Mapping[str, Any]]) -> str:

@@ -18,7 +18,7 @@ from hil.edge.config.settings_file import (
     validated,
 )
 
-MOST_SEEDS = 1_000_000
+MAX_SEEDS = 1_000_000
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 Span = tuple[NotNegative, NotNegative]
 Target = int | str
@@ -29,8 +29,8 @@ class CampaignInfo(Section):
 
     name: Name
     scenarios: Annotated[tuple[str, ...], Field(min_length=1)]
-    first_seed: Annotated[int, Field(ge=0, le=MOST_SEEDS)] = 1
-    seeds: Annotated[int, Field(ge=1, le=MOST_SEEDS)] = 10
+    first_seed: Annotated[int, Field(ge=0, le=MAX_SEEDS)] = 1
+    seeds: Annotated[int, Field(ge=1, le=MAX_SEEDS)] = 10
     duration_s: Annotated[float, Field(gt=0.0, le=LONGEST_S, allow_inf_nan=False)] | None = None
 
 

@@ -253,9 +253,10 @@ def campaign(
     report: ReportChoice = True,
 ) -> None:
     """Run scenarios times faults times seeds over all cores; table of outcomes, report. 3: an invariant was broken."""
+    from hil.bench.campaign_run import CampaignOptions
     from hil.cli import campaign_command as campaigns
 
-    options = campaigns.CampaignOptions(out, config, seeds, first_seed, duration or None, processes, scheduler, report)
+    options = CampaignOptions(out, config, seeds, first_seed, duration or None, processes, scheduler, report)
     raise typer.Exit(campaigns.run(Console(), spec, options))
 
 

@@ -1,108 +1,104 @@
-"""`hil design`: both designs side by side, in numbers and, if wanted, in two figures."""
+"""`hil design`: all designs side by side, in numbers and, if wanted, in two figures. Readable at 60 columns."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from hil.bench.designs import rig_design
-from hil.core.design import CalibratedDesign, RigDesign, closed_loop_poles, noise_gain
-from hil.core.eigenstructure import DesignError, Eigenstructure, augment
-from hil.core.tanks import Array, LinearModel, equilibrium, linearise, transmission_zeros
-from hil.edge.config.rig_file import Rig, load_rig
+from hil.bench.design_figures import LOSSES, DesignFigures, ProcessFigures, design_figures, process_figures
+from hil.bench.designs import DESIGNS
+from hil.core.eigenstructure import ComplexArray, augment
+from hil.core.tanks import LinearModel
+from hil.edge.config.rig_file import load_rig
 from hil.edge.config.settings_file import SettingsError, default_config_dir
-
-LOSSES = {"both sound": (1.0, 1.0), "pump 1 -60 %": (0.4, 1.0), "pump 2 -60 %": (1.0, 0.4), "both -60 %": (0.4, 0.4)}
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A design by name, with its assignment at the operating point."""
-
-    name: str
-    structure: Eigenstructure
 
 
 def run(console: Console, config_dir: Path | None, out: Path | None) -> None:
-    """Print both designs; write `step.svg` and `sigma.svg` into `out` if given. Raises SettingsError."""
+    """Print all designs of the table; write `step.svg` and `sigma.svg` into `out` if given. Raises SettingsError.
+
+    A design that this rig can't have is named with the reason; the others are shown.
+    """
     rig_path = (config_dir or default_config_dir()) / "rig.toml"
     rig = load_rig(rig_path)
-    model = rig.tank_model
-    linear = linearise(model, equilibrium(model, rig.control.operating_point_V))
-    try:
-        candidates = _candidates(rig, linear)
-    except DesignError as error:
-        raise SettingsError(f"{rig_path}: control: {error}") from None
-    _show_process(console, rig, linear)
-    for candidate in candidates:
-        _show_gains(console, candidate)
-    _show_robustness(console, rig, linear, candidates)
+    process = process_figures(rig)
+    _show_process(console, process)
+    designs: list[DesignFigures] = []
+    for name in DESIGNS.names:
+        console.print()
+        console.print(f"[bold]{name}[/]: {DESIGNS.find(name, str(rig_path)).summary}", highlight=False)
+        try:
+            designs.append(design_figures(rig, name, str(rig_path)))
+        except SettingsError as error:
+            console.print(f"not on this rig: {error}", highlight=False, markup=False)
+            continue
+        _show_gains(console, designs[-1])
+    if not designs:
+        raise SettingsError(f"{rig_path}: none of the designs {', '.join(DESIGNS.names)} can be had on this rig")
+    _show_robustness(console, designs)
     if out is not None:
         try:
             out.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise SettingsError(f"--out {out}: {error.strerror}") from None
-        for path in _figures(out, linear, candidates):
+        for path in _figures(out, process.linear, designs):
             console.print(str(path), highlight=False, soft_wrap=True)
 
 
-def relative_gain_array(linear: LinearModel) -> Array:
-    """(2, 2) RGA at rest, G(0) times the transpose of its inverse, element by element; rows outputs, columns pumps."""
-    G = -linear.C @ np.linalg.solve(linear.A, linear.B)
-    rga: Array = G * np.linalg.inv(G).T
-    return rga
+def _show_process(console: Console, process: ProcessFigures) -> None:
+    v1, v2 = process.operating_point_V
+    rows = {
+        "operating point [V]": f"{v1:.2f}, {v2:.2f}",
+        "levels [cm]": ", ".join(f"{h:.3f}" for h in process.level_cm),
+        "zeros [1/s]": ", ".join(f"{z:.5f}" for z in process.zeros_1_s),
+        "relative gains": "; ".join(", ".join(f"{gain:.3f}" for gain in row) for row in process.rga),
+    }
+    for name, text in rows.items():
+        console.print(f"{name:20} {text}", highlight=False, markup=False)
 
 
-def _candidates(rig: Rig, linear: LinearModel) -> tuple[Candidate, ...]:
-    own = rig_design(rig)
-    assert isinstance(own, RigDesign)  # noqa: S101 - what rig_design returns
-    return (
-        Candidate("rig", own.structure(linear)),
-        Candidate("calibrated", CalibratedDesign().structure()),
-    )
+def _show_gains(console: Console, design: DesignFigures) -> None:
+    """Gains and poles as plain lines of at most 60 columns."""
+    lines = [
+        "u = -K [h - h0; q], K in V/cm and 1/s:",
+        "       " + " ".join(f"{name:>8}" for name in ("h1", "h2", "h3", "h4", "q1", "q2")),
+    ]
+    for pump, row in enumerate(design.K, start=1):
+        lines.append(f"pump {pump} " + " ".join(f"{value:8.4f}" for value in row))
+    if design.requested_poles is not None:
+        lines += _pole_lines("asked", design.requested_poles.astype(complex))
+    lines += _pole_lines("achieved", design.achieved_poles)
+    for line in lines:
+        console.print(line, highlight=False, markup=False)
 
 
-def _show_process(console: Console, rig: Rig, linear: LinearModel) -> None:
-    levels = equilibrium(rig.tank_model, rig.control.operating_point_V)
-    v1, v2 = rig.control.operating_point_V
-    zeros, rga = transmission_zeros(linear), relative_gain_array(linear)
-    console.print(f"Operating point {v1:.2f}, {v2:.2f} V: levels " + ", ".join(f"{h:.3f}" for h in levels) + " cm")
-    console.print("Transmission zeros " + ", ".join(f"{z:.5f}" for z in zeros) + " 1/s")
-    console.print(f"Relative gain array [[{rga[0, 0]:.3f}, {rga[0, 1]:.3f}], [{rga[1, 0]:.3f}, {rga[1, 1]:.3f}]]")
+def _pole_lines(name: str, poles: ComplexArray) -> list[str]:
+    """A head, then three poles to a line."""
+    words = [f"{pole.real:.5f}" + (f"{pole.imag:+.5f}j" if pole.imag else "") for pole in poles]
+    rows = (words[at : at + 3] for at in range(0, len(words), 3))
+    return [f"poles {name} [1/s]:", *(" ".join(f"{word:>18}" for word in row) for row in rows)]
 
 
-def _show_gains(console: Console, candidate: Candidate) -> None:
-    structure = candidate.structure
-    table = Table(title=f"Design '{candidate.name}': u = -K [h - h0; q]", title_justify="left")
-    for name in ("", "h1 [V/cm]", "h2", "h3", "h4", "q1 [1/s]", "q2"):
-        table.add_column(name, justify="right")
-    for pump, row in enumerate(structure.K, start=1):
-        table.add_row(f"pump {pump}", *(f"{value:.4f}" for value in row))
-    console.print(table)
-    console.print("poles asked    " + "  ".join(f"{p:9.5f}" for p in structure.requested_poles), highlight=False)
-    console.print("poles achieved " + "  ".join(f"{p.real:9.5f}" for p in structure.achieved_poles), highlight=False)
-
-
-def _show_robustness(console: Console, rig: Rig, linear: LinearModel, candidates: tuple[Candidate, ...]) -> None:
-    table = Table(title="What each design makes of noise and of lost pumps, gains kept", title_justify="left")
+def _show_robustness(console: Console, designs: Sequence[DesignFigures]) -> None:
+    console.print()
+    table = Table(title="Noise, and lost pumps with gains kept", title_justify="left")
     table.add_column("")
-    for candidate in candidates:
-        table.add_column(candidate.name, justify="right")
-    table.add_row("cond(V)", *(f"{c.structure.cond_v:.1f}" for c in candidates))
-    gains = [noise_gain(c.structure.K, rig.sensors.gain_V_cm) for c in candidates]
-    table.add_row("noise gain, command over level [V/V]", *(f"{gain:.1f}" for gain in gains))
-    for name, effectiveness in LOSSES.items():
-        slowest = [float(closed_loop_poles(linear, c.structure.K, effectiveness)[0].real) for c in candidates]
-        words = [f"{pole:+.4f} 1/s {'stable' if pole < 0.0 else 'UNSTABLE'}" for pole in slowest]
-        table.add_row(f"slowest pole, {name}", *words)
+    for design in designs:
+        table.add_column(design.name, justify="right")
+    table.add_row("cond(V)", *(f"{design.cond_v:.1f}" for design in designs))
+    table.add_row("command noise [V/V]", *(f"{design.noise_gain:.1f}" for design in designs))
+    for loss in LOSSES:
+        slowest = [design.slowest_poles[loss].real for design in designs]
+        words = [f"{pole:+.4f}" + ("" if pole < 0.0 else " unstable") for pole in slowest]
+        table.add_row(loss, *words)
     console.print(table)
+    console.print('From "both healthy" on: slowest closed-loop pole, 1/s.', highlight=False)
 
 
-def _figures(out: Path, linear: LinearModel, candidates: tuple[Candidate, ...]) -> list[Path]:
+def _figures(out: Path, linear: LinearModel, designs: Sequence[DesignFigures]) -> list[Path]:
     """Step responses r to y, and singular values of r to y and of r to u, through python-control."""
     import control
     import matplotlib as mpl
@@ -112,20 +108,20 @@ def _figures(out: Path, linear: LinearModel, candidates: tuple[Candidate, ...]) 
     steps, sigma = Figure(figsize=(8, 6), layout="constrained"), Figure(figsize=(8, 4), layout="constrained")
     step_axes, (to_y, to_u) = steps.subplots(2, 2, sharex=True), sigma.subplots(1, 2, sharex=True)
     times, frequencies = np.linspace(0.0, 120.0, 601), np.logspace(-3, 1, 300)
-    for candidate in candidates:
+    for design in designs:
         A, B = augment(linear)
-        K, C = candidate.structure.K, np.hstack([linear.C, np.zeros((2, 2))])
+        K, C = design.K, np.hstack([linear.C, np.zeros((2, 2))])
         reference = np.vstack([np.zeros((4, 2)), np.eye(2)])
         loop = control.ss(A - B @ K, reference, np.vstack([C, -K]), np.zeros((4, 2)))
         response = control.step_response(loop, times)
         for i in (0, 1):
             for j in (0, 1):
-                step_axes[i][j].plot(times, response.outputs[i, j], label=candidate.name)
+                step_axes[i][j].plot(times, response.outputs[i, j], label=design.name)
                 step_axes[i][j].set_title(f"r{j + 1} to y{i + 1}")
         gains = loop(1j * frequencies)
         for axes, part, name in ((to_y, gains[:2], "r to y"), (to_u, gains[2:], "r to u")):
             values = np.linalg.svd(np.moveaxis(part, 2, 0), compute_uv=False)
-            (line,) = axes.loglog(frequencies, values[:, 0], label=candidate.name)
+            (line,) = axes.loglog(frequencies, values[:, 0], label=design.name)
             axes.loglog(frequencies, values[:, 1], color=line.get_color(), linestyle="--")
             axes.set_title(f"singular values, {name}")
             axes.set_xlabel("frequency [rad/s]")

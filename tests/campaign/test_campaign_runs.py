@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from hil.bench import assembly, campaign_pool, lockstep_run, run_options
+from hil.bench import assembly, campaign_pool, campaign_run, lockstep_run, run_options
 from hil.bench.campaign_case import run_case
 from hil.campaigns.cases import Case
 from hil.campaigns.row import Row
@@ -31,7 +31,7 @@ def row(case: Case) -> Row:
 
 
 def run(file: Path, out: Path, **options: object) -> int:
-    return campaign_command.run(Console(quiet=True), file, campaign_command.CampaignOptions(out=out, **options))  # type: ignore[arg-type]
+    return campaign_command.run(Console(quiet=True), str(file), campaign_run.CampaignOptions(out=out, **options))  # type: ignore[arg-type]
 
 
 def test_a_run_without_a_record_comes_to_what_the_recorded_one_comes_to(case: Case, row: Row, tmp_path: Path) -> None:
@@ -117,7 +117,7 @@ def test_a_campaign_that_was_killed_goes_on_where_it_was(tmp_path: Path) -> None
 
 def cases_in_order(file: Path, done: dict[str, Row]) -> list[Case]:
     """The cases under the keys that the command gave them, which know of the bench's files."""
-    _, cases = campaign_command.load(file, CONFIG, campaign_command.CampaignOptions())
+    _, cases = campaign_run.load(file, CONFIG, campaign_run.CampaignOptions())
     assert {case.key for case in cases} == set(done)
     return list(cases)
 
@@ -136,8 +136,8 @@ def test_without_dask_one_process_does_it_and_more_are_refused_with_the_way_out(
 ) -> None:
     monkeypatch.setattr(campaign_pool, "find_spec", lambda _: None)
     file = campaign_file(tmp_path, FEW)
-    options = campaign_command.CampaignOptions(out=tmp_path / "out", seeds=1, duration_s=1.0, report=False)
-    assert campaign_command.run(Console(width=200), file, options) == 0
+    options = campaign_run.CampaignOptions(out=tmp_path / "out", seeds=1, duration_s=4.5, report=False)
+    assert campaign_command.run(Console(width=200), str(file), options) == 0
     assert "pip install 'fourtank-hil[campaign]'" in capsys.readouterr().out
     with pytest.raises(SettingsError, match=r"--processes 2 needs Dask.*pip install"):
         run(file, tmp_path / "no", processes=2)
@@ -152,9 +152,9 @@ def test_broken_invariants_are_the_exit_code_and_leave_their_scenario(
     monkeypatch.setattr(
         campaign_pool, "run_case", lambda case, config: replace(run_case(case, config), overflow=case.seed == 6)
     )
-    assert run(file, tmp_path / "out", processes=1, duration_s=1.0) == 3
+    assert run(file, tmp_path / "out", processes=1, duration_s=4.5) == 3
     (kept,) = (tmp_path / "out" / "cases").iterdir()
-    assert assembly.load(kept).scenario.scenario.duration_s == 1.0
+    assert assembly.load(kept).scenario.scenario.duration_s == 4.5
     assert "broken in 1 runs" in (tmp_path / "out" / "report.html").read_text()
 
 

@@ -284,9 +284,9 @@ def test_view_without_a_screen_points_to_the_report(
 def test_design_shows_both_designs_and_writes_its_figures(command_line: CommandLine, tmp_path: Path) -> None:
     result = command_line("hil", "design", "--out", tmp_path / "figures")
     assert (result.code, result.err) == (0, "")
-    assert "Design 'rig'" in result.out
-    assert "Design 'calibrated'" in result.out
-    assert "UNSTABLE" in result.out
+    assert "\nrig: " in result.out
+    assert "\ncalibrated: " in result.out
+    assert "+0.2089 unstable" in result.out, "the paper's gain with pump 1 at 40 %"
     for name in ("step.svg", "sigma.svg"):
         assert "<svg" in (tmp_path / "figures" / name).read_text()
         assert str(tmp_path / "figures" / name) in result.out

@@ -8,26 +8,27 @@ from rich.console import Console
 from rich.table import Table
 
 from hil.campaigns import statistics
+from hil.campaigns.figure_text import rate_text, spread_text
 from hil.campaigns.row import Row
-from hil.campaigns.statistics import FaultClass, Rate, Spread
+from hil.campaigns.statistics import FaultClass
 
-MOST_NAMED = 5
-LEAST_WIDTH = 120
+MAX_NAMED = 5
+MIN_WIDTH = 120
 """Of the table where no terminal sets its width."""
 
 
 def show(console: Console, rows: Sequence[Row]) -> None:
     """Classes of faults, false alarms, invariants."""
     if not console.is_terminal:
-        console.width = max(console.width, LEAST_WIDTH)
+        console.width = max(console.width, MIN_WIDTH)
     classes = statistics.fault_classes(rows)
     if classes:
         console.print(_class_table(classes))
     console.print(f"False alarms: {rate_text(statistics.false_alarms(rows))}", highlight=False)
     for name, guilty in statistics.broken(rows).items():
         if guilty:
-            named = ", ".join(f"{row.key} (seed {row.seed}: {row.broken})" for row in guilty[:MOST_NAMED])
-            more = f" and {len(guilty) - MOST_NAMED} more" if len(guilty) > MOST_NAMED else ""
+            named = ", ".join(f"{row.key} (seed {row.seed}: {row.broken})" for row in guilty[:MAX_NAMED])
+            more = f" and {len(guilty) - MAX_NAMED} more" if len(guilty) > MAX_NAMED else ""
             console.print(f"[bold red]{name}[/]: {len(guilty)} runs: {named}{more}", highlight=False, soft_wrap=True)
     if not any(row.breaks for row in rows):
         console.print(f"All invariants hold in {len(rows)} runs.", highlight=False)
@@ -35,22 +36,6 @@ def show(console: Console, rows: Sequence[Row]) -> None:
     if steps:
         cpu_us = 1e6 * sum(row.cpu_s for row in rows) / steps
         console.print(f"{steps} control steps, {cpu_us:.0f} µs of processor time each.", highlight=False)
-
-
-def rate_text(rate: Rate) -> str:
-    """A rate with its limits in words."""
-    if rate.per_h is None:
-        return "no time without a fault"
-    return (
-        f"{rate.events} in {rate.hours:.4g} h, {rate.per_h:.3g} per hour (95 %: {rate.low_h:.3g} to {rate.high_h:.3g})"
-    )
-
-
-def spread_text(values: Spread, digits: int = 3) -> str:
-    """Median / 95th percentile, a dash of nothing."""
-    if values.median is None or values.p95 is None:
-        return "–"
-    return f"{values.median:.{digits}g} / {values.p95:.{digits}g}"
 
 
 def _class_table(classes: Sequence[FaultClass]) -> Table:

@@ -1,0 +1,1 @@
+"""A design and a fault detector for the four-tank bench."""

@@ -1,0 +1,21 @@
+"""Figures of a campaign as words, for the terminal and the report."""
+
+from __future__ import annotations
+
+from hil.campaigns.statistics import Rate, Spread
+
+
+def rate_text(rate: Rate) -> str:
+    """A rate with its limits in words."""
+    if rate.per_h is None:
+        return "no time without a fault"
+    return (
+        f"{rate.events} in {rate.hours:.4g} h, {rate.per_h:.3g} per hour (95 %: {rate.low_h:.3g} to {rate.high_h:.3g})"
+    )
+
+
+def spread_text(values: Spread, digits: int = 3) -> str:
+    """Median / 95th percentile, a dash of nothing."""
+    if values.median is None or values.p95 is None:
+        return "–"
+    return f"{values.median:.{digits}g} / {values.p95:.{digits}g}"

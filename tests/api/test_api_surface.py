@@ -1,0 +1,67 @@
+"""The public face: what `import hil` promises, and what it costs."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import hil
+
+
+def test_all_is_the_documented_surface():
+    """The list in the package's docstring and `__all__` are the same names."""
+    table = hil.__doc__.split("\n\n")[2]
+    listed = set()
+    for line in table.splitlines():
+        names = re.split(r"\s{2,}", line.strip())[0]
+        listed |= {name.strip() for name in names.split(",")}
+    assert listed == set(hil.__all__)
+
+
+def test_every_public_name_is_there_and_documented():
+    for name in hil.__all__:
+        value = getattr(hil, name)
+        if name != "__version__":
+            assert value.__doc__, name
+    assert set(dir(hil)) == set(hil.__all__)
+
+
+def test_type_checkers_see_the_names_that_are_imported_lazily():
+    """Every name of the lazy table is also in the `TYPE_CHECKING` block, from the same module."""
+    source = Path(hil.__file__).read_text(encoding="utf-8")
+    block = source.split("if TYPE_CHECKING:")[1].split("__all__")[0]
+    seen = {}
+    for module, names in re.findall(r"from (hil[\w.]*) import ([^\n]+)", block):
+        seen |= {name.strip(): module for name in names.split(",")}
+    assert seen == hil._MODULE_OF
+    assert {*seen, "__version__"} == set(hil.__all__)
+
+
+def test_a_name_that_is_not_public_is_refused_by_name():
+    with pytest.raises(AttributeError, match=r"'hil' has no attribute 'simulation'.*hil\.__all__"):
+        hil.simulation  # noqa: B018 - the access is the test
+
+
+@pytest.mark.parametrize("name", ["load", "simulate", "run", "campaign", "design"])
+def test_functions_document_arguments_errors_and_an_example(name):
+    doc = getattr(hil, name).__doc__
+    for section in ("Parameters", "Returns", "Raises", "Examples"):
+        assert re.search(rf"^\s+{section}\n\s+-+$", doc, re.MULTILINE), section
+    arguments = getattr(hil, name).__code__.co_varnames[: getattr(hil, name).__code__.co_argcount]
+    assert all(re.search(rf"\b{argument}\b", doc) for argument in arguments)
+
+
+def test_all_errors_have_one_base_class():
+    for name in hil.__all__:
+        if name.endswith("Error"):
+            assert issubclass(getattr(hil, name), hil.HilError)
+
+
+def test_import_hil_loads_neither_numpy_nor_can():
+    """`hil --version` and the recorder's process start without them."""
+    code = "import sys, hil; print(sorted(set(sys.modules) & {'numpy', 'can', 'scipy', 'pydantic', 'numba', 'typer'}))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert json.loads(done.stdout.replace("'", '"')) == []
