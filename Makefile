@@ -57,9 +57,11 @@ benchmarks: $(READY)  ## timings as ratios, for docs/reference/benchmarks.md
 	$(BIN)/python -m tools.benchmark
 
 docs: $(READY)   ## the documentation site in site/, any warning is an error
+	$(BIN)/python -m tools.reference
 	$(BIN)/zensical build --clean --strict
 
 docs-serve: $(READY)  ## the same on http://localhost:8000, built again at each change
+	$(BIN)/python -m tools.reference
 	$(BIN)/zensical serve
 
 lock: $(READY)   ## pin anew what pyproject.toml asks for (needs uv)

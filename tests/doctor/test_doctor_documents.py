@@ -161,7 +161,7 @@ def test_refused_vectors_are_refused_by_both_twins_and_for_that_reason(golden: d
     assert check.admit(frame, 2) is Rejection(golden["why"])
     node_s = parse_command(frame)
     if golden["why"] in ("duplicate", "old"):
-        node_s = PumpNode._judge_counter(_after_counter_zero(), node_s.counter, 2)
+        node_s = PumpNode._check_counter(_after_counter_zero(), node_s.counter, 2)
     assert node_s is NodeRejection(golden["why"])
 
 

@@ -27,7 +27,7 @@ MAX_BYPASS_S = 600.0
 """No configuration lets an interlock be bypassed for longer."""
 
 WATCHDOG_S = 0.25
-"""The pump node trips when no valid command came for so long: the wire contract, docs/wire.md."""
+"""The pump node trips when no valid command came for so long: the wire contract, docs/reference/wire.md."""
 
 CYCLES_S = {"levels": 0.02, "status": 0.05, "heartbeat": 0.1, "echo": 0.05}
 """How often the nodes send what an age limit of [safety] is for; an echo comes with the pump node's status."""
