@@ -1,4 +1,7 @@
-"""The closed loop without its safety: estimate, diagnose, reconfigure, feed back, integrate."""
+"""The control loop without the supervisor: estimate, diagnose, reconfigure, feed back, integrate.
+
+The decision behind time 0 is docs/decisions/0004-time-zero.md.
+"""
 
 from __future__ import annotations
 
@@ -14,30 +17,30 @@ from hil.core.state_feedback import ControlLaw
 from hil.core.types import UNRESOLVED, Alarm, Diagnosis, Event, Inputs, Measurement, Pair, Quad, Severity
 
 TIME_TOLERANCE_S = 1e-6
-"""What is due at a step's own time is due, however the float of it came out."""
+"""Tolerance for comparing times, against rounding of floats."""
 
-LONGEST_PERIODS = 5.0
-"""After a stall the estimate is predicted over no more than this many control periods."""
+MAX_PREDICTED_PERIODS = 5.0
+"""After a stall the estimate is predicted over at most this many control periods."""
 
-SOUND = (1.0, 1.0)
+HEALTHY = (1.0, 1.0)
 ALL = (True, True, True, True)
 
 LARGE_CHANGE = 0.2
-"""A change of effectiveness as large as this is answered at once: the operating voltage is off by as much."""
+"""A change of effectiveness of this size or more changes the law at once: the operating voltage is wrong by as much."""
 
-SHARPENED_CHANGE, SHARPENING_S = 0.01, 5.0
-"""For so long after a large one, changes of this size are taken for the estimate's sharpening, and answered too."""
+REFINED_CHANGE, REFINING_S = 0.01, 5.0
+"""For REFINING_S after a large change, while the estimate is refined, changes of REFINED_CHANGE are followed too."""
 
 SMALL_CHANGE, DWELL_S = 0.005, 10.0
-"""Any other change of this size is answered no sooner than so long after the last one: a fault may flap."""
+"""Any other change of this size changes the law at most once in DWELL_S: a fault may come and go."""
 
 
 @dataclass(frozen=True)
 class LoopConfig:
-    """What a run is made of.
+    """Configuration of the control loop.
 
-    references : (at_s, (r1, r2) in V), ascending, the first at 0. reconfigure : whether the law follows the
-    diagnosis; otherwise gains are kept. anti_windup_s : see `state_feedback.advance_integral`.
+    references : (at_s, (r1, r2) in V), ascending in time, the first at 0. reconfigure : whether the law follows the
+    diagnosis; otherwise the gains stay as they are. anti_windup_s : see `state_feedback.advance_integral`.
     """
 
     reconfiguration: Reconfiguration
@@ -51,11 +54,11 @@ class LoopConfig:
 
 @dataclass(frozen=True, slots=True)
 class LoopState:
-    """What the closed loop remembers from one step to the next.
+    """State of the control loop between two steps.
 
-    law_for : the reference and effectiveness that the law was made for. answered_s, sharpened_s : run time of the last
-    change of effectiveness that was answered, and until when its sharpening is. level_cm : (4,) the levels fed back.
-    raw_V : what the law asks for at this step.
+    law_for : the reference and effectiveness that the law was computed for. changed_s : run time of the last change of
+    effectiveness that changed the law. refined_until_s : run time until which refinements of it are followed.
+    level_cm : (4,) the levels fed back. raw_V : (2,) what the law asks for at this step.
     """
 
     started_ns: int
@@ -70,18 +73,18 @@ class LoopState:
     iae_Vs: Pair
     raw_V: Pair
     level_cm: Quad
-    answered_s: float = -inf
-    sharpened_s: float = -inf
+    changed_s: float = -inf
+    refined_until_s: float = -inf
 
 
 def begin(config: LoopConfig, inputs: Inputs, now_ns: int) -> LoopState:
-    """Close the loop.
+    """State at the first step in control.
 
-    From pumps at rest the integrals start at zero: the first command is v0 plus the feedback on x, at the pace that
-    the rate limit allows. Running pumps are taken over bumplessly, at the voltages they have.
+    From pumps at rest the integrals start at zero: the command begins with v0 plus the feedback on x, within the rate
+    limit. Pumps that already run are taken over bumplessly, at the voltages they have.
     """
     reference = config.references[0][1]
-    law = config.reconfiguration.law(reference, SOUND)
+    law = config.reconfiguration.law(reference, HEALTHY)
     applied_V = inputs.pumps.applied_V
     integral = (0.0, 0.0)
     if applied_V != (0.0, 0.0):
@@ -91,7 +94,7 @@ def begin(config: LoopConfig, inputs: Inputs, now_ns: int) -> LoopState:
         stepped_ns=now_ns,
         reference_V=reference,
         law=law,
-        law_for=(reference, SOUND),
+        law_for=(reference, HEALTHY),
         integral_Vs=integral,
         estimate=estimator.start(config.level_filter, inputs.measurement, applied_V),
         memory=config.detector.start(),
@@ -103,26 +106,26 @@ def begin(config: LoopConfig, inputs: Inputs, now_ns: int) -> LoopState:
 
 
 def step(config: LoopConfig, state: LoopState, inputs: Inputs, now_ns: int) -> tuple[LoopState, tuple[Event, ...]]:
-    """Everything up to the voltages that the law asks for (`raw_V`)."""
+    """One step up to the voltages that the law asks for (`raw_V`)."""
     t_s = (now_ns - state.started_ns) * 1e-9
     period_s = (now_ns - state.stepped_ns) * 1e-9
     estimate, memory, diagnosis = _observe(config, state, inputs, t_s, period_s)
     reference = _reference_at(config, t_s)
     law, law_for, integral = state.law, state.law_for, state.integral_Vs
-    answered_s, sharpened_s = state.answered_s, state.sharpened_s
-    level_cm = _believed_level_cm(config, inputs.measurement, diagnosis, estimate)
+    changed_s, refined_until_s = state.changed_s, state.refined_until_s
+    level_cm = _feedback_level_cm(config, inputs.measurement, diagnosis, estimate)
     effectiveness = law_for[1]
     if config.reconfigure and diagnosis.effectiveness != effectiveness:
         change = _change(effectiveness, diagnosis.effectiveness)
-        if not change < LARGE_CHANGE or (t_s - answered_s >= DWELL_S and change >= SMALL_CHANGE):
-            effectiveness, answered_s = diagnosis.effectiveness, t_s
-            sharpened_s = t_s + SHARPENING_S if change >= LARGE_CHANGE else sharpened_s
-        elif t_s <= sharpened_s and change >= SHARPENED_CHANGE:
+        if not change < LARGE_CHANGE or (t_s - changed_s >= DWELL_S and change >= SMALL_CHANGE):
+            effectiveness, changed_s = diagnosis.effectiveness, t_s
+            refined_until_s = t_s + REFINING_S if change >= LARGE_CHANGE else refined_until_s
+        elif t_s <= refined_until_s and change >= REFINED_CHANGE:
             effectiveness = diagnosis.effectiveness
-    wanted_for = (reference, effectiveness)
-    if wanted_for != law_for:
+    requested = (reference, effectiveness)
+    if requested != law_for:
         effective = state_feedback.effective_voltage(law, integral, level_cm)
-        law, law_for = config.reconfiguration.law(*wanted_for), wanted_for
+        law, law_for = config.reconfiguration.law(*requested), requested
         integral = state_feedback.bumpless_integral(law, level_cm, effective)
     raw = state_feedback.pump_voltage(law, state_feedback.effective_voltage(law, integral, level_cm))
     new = LoopState(
@@ -138,14 +141,14 @@ def step(config: LoopConfig, state: LoopState, inputs: Inputs, now_ns: int) -> t
         _iae(state, estimate, period_s),
         raw,
         level_cm,
-        answered_s,
-        sharpened_s,
+        changed_s,
+        refined_until_s,
     )
     return new, _events(state, new)
 
 
 def integrate(config: LoopConfig, state: LoopState, inputs: Inputs, command_V: Pair) -> Pair:
-    """Integrals for the next step, knowing what the supervisor let pass and what the node made of it."""
+    """Integrals for the next step, from the command that the supervisor allowed and what the pump node applied."""
     k, (h1, h2, _, _) = config.level_filter.model.level_gain_V_cm, state.level_cm
     error = (state.law.target_V[0] - k * h1, state.law.target_V[1] - k * h2)
     short = inputs.pumps.shortfall_V
@@ -168,7 +171,7 @@ def measured_level_cm(config: LoopConfig, inputs: Inputs) -> Quad:
 def _observe(
     config: LoopConfig, state: LoopState, inputs: Inputs, t_s: float, period_s: float
 ) -> tuple[Estimate, Any, Diagnosis]:
-    """Estimate and verdict; a detector that estimates the levels itself has the last word on them."""
+    """Estimate and diagnosis; the levels of a detector that estimates them itself replace those of the level filter."""
     applied_V = inputs.pumps.applied_V
     estimate = state.estimate
     if period_s > 0.0:
@@ -178,7 +181,7 @@ def _observe(
             applied_V,
             state.diagnosis.effectiveness,
             _trusted(inputs.measurement, state.diagnosis.trusted),
-            min(period_s, LONGEST_PERIODS * config.period_s),
+            min(period_s, MAX_PREDICTED_PERIODS * config.period_s),
         )
     memory, diagnosis = config.detector.step(state.memory, t_s, inputs.measurement, estimate, applied_V)
     if diagnosis.level_V is not None:
@@ -189,14 +192,14 @@ def _observe(
 
 
 def _trusted(measurement: Measurement, trusted: tuple[bool, bool, bool, bool]) -> Measurement:
-    """The measurement without the sensors that are not trusted."""
+    """The measurement, with sensors that are not trusted marked as not valid."""
     if trusted == ALL:
         return measurement
     v1, v2, v3, v4 = (ok and good for ok, good in zip(measurement.valid, trusted, strict=True))
     return replace(measurement, valid=(v1, v2, v3, v4))
 
 
-def _believed_level_cm(config: LoopConfig, measurement: Measurement, diagnosis: Diagnosis, estimate: Estimate) -> Quad:
+def _feedback_level_cm(config: LoopConfig, measurement: Measurement, diagnosis: Diagnosis, estimate: Estimate) -> Quad:
     """Readings in cm, (4,); the estimate where a sensor is not trusted or its reading not valid."""
     k = config.level_filter.model.level_gain_V_cm
     y1, y2, y3, y4 = measurement.level_V

@@ -1,7 +1,7 @@
-"""One control step, composed: supervise, close the loop, let through what is safe, record.
+"""One control step: the loop computes a command, the supervisor decides what is sent, the step is recorded.
 
-`step(config, state, inputs, now_ns) -> (state, output)`. Nothing here knows where inputs come from or commands go.
-The loop is closed first, so that the supervisor judges by this step's diagnosis; it alone decides what is sent.
+`step(config, state, inputs, now_ns) -> (state, output)`. This module does not know where inputs come from or where
+commands go. The loop runs first, so that the supervisor decides with this step's diagnosis.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from hil.core.types import Action, Command, Diagnosis, Event, Inputs, Mode, Pair
 
 @dataclass(frozen=True)
 class ControllerConfig:
-    """The loop, the limits around it, when the run stops by itself (inf: never), and what the operator will ask for.
+    """The loop, its limits, the duration of the run (inf: no end), and the scheduled operator requests.
 
     requests : (at_s, request), ascending in run time.
     """
@@ -31,7 +31,7 @@ class ControllerConfig:
 
 @dataclass(frozen=True, slots=True)
 class ControllerState:
-    """Supervision always; the loop's state from the first step in control on; what is seen of the outlets since."""
+    """State of the supervisor; of the loop and the outlet monitor, from the first step in control on."""
 
     supervision: Supervision = field(default_factory=Supervision)
     loop: LoopState | None = None
@@ -50,7 +50,7 @@ class Output:
 def step(
     config: ControllerConfig, state: ControllerState, inputs: Inputs, now_ns: int
 ) -> tuple[ControllerState, Output]:
-    """One step at now_ns (monotonic). The command is always safe; what it raises, the caller turns into a trip."""
+    """One step at now_ns (monotonic). The command is always safe. The caller answers an exception with `fail`."""
     loop, outlets = state.loop, state.outlets
     if loop is None:
         supervision, events = supervisor.next_mode(config.limits, state.supervision, inputs, now_ns)
@@ -75,13 +75,13 @@ def step(
 
 
 def fail(state: ControllerState, cause: TripCause, text: str) -> tuple[ControllerState, Output]:
-    """The way out when a step could not be completed: trip, 0 V in the same step."""
+    """State and output for a step that raised an exception: trip, 0 V in the same step."""
     supervision, events = supervisor.trip(state.supervision, cause, text)
     return replace(state, supervision=supervision), Output(supervisor.OFF, events, None)
 
 
 def will_be_cleared(config: ControllerConfig, state: ControllerState) -> bool:
-    """Whether the schedule still has a request, within the run's duration, to clear a trip."""
+    """Whether a request to clear a trip is still scheduled within the run's duration."""
     if state.loop is None or state.supervision.stopped_by:
         return False
     t_s = _run_time_s(state.loop, state.loop.stepped_ns) + TIME_TOLERANCE_S
@@ -89,7 +89,7 @@ def will_be_cleared(config: ControllerConfig, state: ControllerState) -> bool:
 
 
 def is_over(config: ControllerConfig, state: ControllerState) -> bool:
-    """Whether the run has lasted for as long as it should."""
+    """Whether the run has reached its duration."""
     loop = state.loop
     return loop is not None and _run_time_s(loop, loop.stepped_ns) >= config.duration_s - TIME_TOLERANCE_S
 
@@ -104,7 +104,7 @@ def _run_time_s(loop: LoopState, now_ns: int) -> float:
 
 
 def _with_schedule(config: ControllerConfig, loop: LoopState, inputs: Inputs, now_ns: int) -> Inputs:
-    """The inputs, with the end of the run and the scheduled requests that have become due since the last step."""
+    """The inputs, with a stop at the end of the run and the scheduled requests due since the last step."""
     t_s = _run_time_s(loop, now_ns)
     if t_s >= config.duration_s - TIME_TOLERANCE_S:
         inputs = replace(inputs, stop_requested=True)
@@ -119,8 +119,8 @@ def _with_schedule(config: ControllerConfig, loop: LoopState, inputs: Inputs, no
 def _next_integral(config: ControllerConfig, loop: LoopState, mode: Mode, inputs: Inputs, command_V: Pair) -> Pair:
     """Integrals for the next step.
 
-    In MANUAL they follow the operator, so that the law, at work again, asks for the voltages in force. Back in DISARMED
-    after a trip they start anew.
+    In MANUAL they follow the operator's voltages, so that the return to AUTO is bumpless. After a trip, in DISARMED,
+    they are reset to zero.
     """
     if mode.is_controlling:
         return closed_loop.integrate(config.loop, loop, inputs, command_V)

@@ -1,12 +1,12 @@
 """The two designs of the bench, both by eigenstructure assignment on the six-state model of eq. (6).
 
 `CalibratedDesign` reproduces the paper: its poles, the free parameters that make its table 3 come out, one fixed
-operating point. It weighs four levels with up to 19 V/cm that nearly cancel and loses stability when one pump
-loses 60 % of its gain; it is for comparison, not for a rig.
+operating point. Its gains on the four levels reach 19 V/cm and nearly cancel, and it becomes unstable when one pump
+loses 60 % of its gain: it is for comparison, not for a rig.
 
-`RigDesign` spends PEA's freedom on what a rig needs. Each output gets two poles whose eigenvectors move only
-that output (G(l) w = e_j, with G(s) = C (sI - A)^-1 B, fixes w), and the two poles left over go onto the
-transmission zeros, where they can be hidden from both outputs (G(z) w = 0). The outputs are then decoupled, and
+`RigDesign` uses the free parameters of PEA to decouple the outputs. Each output gets two poles whose eigenvectors move
+only that output (G(l) w = e_j, with G(s) = C (sI - A)^-1 B, fixes w); the two remaining poles are placed on the
+transmission zeros, where neither output sees them (G(z) w = 0). The outputs are then decoupled, and
 since C B is diagonal for the four tanks, a pump that loses gain slows only its own output instead of
 destabilising both.
 """
@@ -43,7 +43,7 @@ class Gains:
     """u = -K_x x - K_q q, rows by pump, nominal pumps.
 
     levels_V_cm : rows (4,) each. integrals_1_s : rows (2,) each, V per V s.
-    integral_inverse : K_q^-1 by rows; what a change of u means for q.
+    integral_inverse : K_q^-1 by rows.
     """
 
     levels_V_cm: tuple[tuple[float, ...], tuple[float, ...]]
@@ -63,7 +63,7 @@ class Gains:
 
 
 class GainDesign(Protocol):
-    """What the controller needs of a design: gains for a linear model. Users plug in their own."""
+    """A design computes gains for a linear model. Users can supply their own: see docs/how-to."""
 
     @property
     def follows_reference(self) -> bool:
@@ -82,11 +82,11 @@ class CalibratedDesign:
     follows_reference: bool = False
 
     def gains(self, linear: LinearModel) -> Gains:
-        """The same gains always: the paper designs at 3.00 V."""
+        """The same gains for every model: the paper designs at 3.00 V."""
         return Gains.from_matrix(self.structure().K)
 
     def structure(self) -> Eigenstructure:
-        """The assignment with what it achieved."""
+        """The assignment with the achieved poles."""
         A, B = augment(printed_linear_model())
         angles = np.array(PAPER_ANGLES_RAD)
         return assign(A, B, PAPER_POLES, np.vstack([np.cos(angles), np.sin(angles)]))
@@ -104,7 +104,7 @@ class RigDesign:
         return Gains.from_matrix(self.structure(linear).K)
 
     def structure(self, linear: LinearModel) -> Eigenstructure:
-        """The assignment with what it achieved."""
+        """The assignment with the achieved poles."""
         zeros = transmission_zeros(linear)
         if zeros.max() >= 0.0:
             raise DesignError(
@@ -137,16 +137,16 @@ def decoupling_parameters(linear: LinearModel, poles: Array) -> Array:
 def noise_gain(K: Array, level_gain_V_cm: float) -> float:
     """Command noise over level noise, V/V: the larger row norm of K_x/k_c, for independent white noise on four levels.
 
-    K : (2, n) with the four level gains first. It is the direct path from a reading to a command; what the loop
-    itself feeds back is slower by orders.
+    K : (2, n) with the four level gains first. Only the direct path from a reading to a command counts; the path
+    through the process is much slower.
     """
     return float(np.max(np.linalg.norm(K[:, :4], axis=1))) / level_gain_V_cm
 
 
 def choose_rig_design(linear: LinearModel, poles: Sequence[float], noise_gain_max: float) -> RigDesign:
-    """Share four real poles out between the outputs: smallest cond(V) among the pairings, noise gain within its bound.
+    """Assign four real poles to the two outputs: the pairing with the smallest cond(V) that meets the noise bound.
 
-    When no pairing meets the bound, all four poles are slowed by the same factor until the best one does.
+    If no pairing meets the bound, all four poles are slowed by the same factor until one does.
     Raises DesignError for poles that are not four stable real numbers or a bound that slowing can't meet.
     """
     if len(poles) != 4 or not all(np.isfinite(p) and p < 0.0 for p in poles):
@@ -165,7 +165,7 @@ def choose_rig_design(linear: LinearModel, poles: Sequence[float], noise_gain_ma
 
 
 def _assignable(linear: LinearModel, poles: list[float]) -> list[tuple[RigDesign, Eigenstructure]]:
-    """The pairings that can be had (equal poles need different outputs); the last DesignError when none can."""
+    """The possible pairings (equal poles need different outputs). Raises the last DesignError if there is none."""
     found = []
     refusal: DesignError | None = None
     for design in _pairings(poles):
@@ -179,7 +179,7 @@ def _assignable(linear: LinearModel, poles: list[float]) -> list[tuple[RigDesign
 
 
 def _pairings(poles: list[float]) -> list[RigDesign]:
-    """The six ways to give two of four poles to output 1."""
+    """The six ways to assign two of four poles to output 1."""
     pairings = []
     for chosen in combinations(range(4), 2):
         rest = [poles[i] for i in range(4) if i not in chosen]

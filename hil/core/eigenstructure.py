@@ -24,17 +24,17 @@ from hil.core.errors import HilError
 from hil.core.tanks import Array, LinearModel
 
 ComplexArray = NDArray[np.complex128]
-SMALLEST_RCOND = 1e-13
+MIN_RCOND = 1e-13
 """Below this reciprocal condition number of V (unit columns) a gain is numerically meaningless."""
 
 
 class DesignError(HilError, ValueError):
-    """A design that can't be had; the message says why."""
+    """A design that is not possible; the message says why."""
 
 
 @dataclass(frozen=True, eq=False)
 class Eigenstructure:
-    """A state feedback with what was asked and what was achieved.
+    """A state feedback with requested and achieved poles.
 
     K : (n_u, n) gain, u = -K x. V : (n, n) eigenvectors with unit norm, column i for pole i.
     parameters : (n_u, n) the w_i, scaled to those eigenvectors: K V = W. A, B : the model it was made for.
@@ -49,7 +49,7 @@ class Eigenstructure:
 
     @cached_property
     def achieved_poles(self) -> ComplexArray:
-        """(n,) eigenvalues of A - B K, each at the place of the requested pole it is nearest to."""
+        """(n,) eigenvalues of A - B K, each at the index of the nearest requested pole."""
         remaining = list(np.linalg.eigvals(self.A - self.B @ self.K).astype(complex))
         return np.array([remaining.pop(int(np.argmin(np.abs(np.array(remaining) - p)))) for p in self.requested_poles])
 
@@ -60,7 +60,7 @@ class Eigenstructure:
 
     @cached_property
     def cond_v(self) -> float:
-        """Condition number of V, 2-norm: how much the poles move when the model is a little wrong."""
+        """Condition number of V, 2-norm: how sensitive the poles are to errors of the model."""
         return float(np.linalg.cond(self.V))
 
 
@@ -71,7 +71,7 @@ def assign(A: ArrayLike, B: ArrayLike, poles: ArrayLike, parameters: ArrayLike) 
     parameters : (n_u, n), column i belongs to pole i; only its direction matters; conjugate where the pole is.
 
     Raises DesignError when the request is malformed (shapes, conjugation, repetition), when a pole lies on an
-    open-loop eigenvalue, when a mode can't be reached from u, or when the eigenvectors come out dependent.
+    open-loop eigenvalue, when a mode is not controllable from u, or when the eigenvectors come out dependent.
     """
     A, B, poles, W = _validated(A, B, poles, parameters)
     n = A.shape[0]
@@ -91,7 +91,7 @@ def assign(A: ArrayLike, B: ArrayLike, poles: ArrayLike, parameters: ArrayLike) 
     lu, _, transposed, info = lapack.dgesv(basis.T, image.T)
     # sqrt(n) bounds the 1-norm of a matrix with unit columns, which is the infinity norm of what was factored;
     # a NaN fails the comparison too
-    well_conditioned = info == 0 and lapack.dgecon(lu, n**0.5, norm="I")[0] > SMALLEST_RCOND
+    well_conditioned = info == 0 and lapack.dgecon(lu, n**0.5, norm="I")[0] > MIN_RCOND
     if not well_conditioned:
         raise DesignError(_why_singular(A, B, poles, W))
     return Eigenstructure(A, B, poles, transposed.T, V, W)

@@ -1,7 +1,7 @@
-"""Level filter: the tank model driven by the applied voltages, pulled towards the readings.
+"""Level filter: the tank model driven by the applied voltages, corrected by the readings.
 
-State: four levels in cm and the two voltages behind the pump lag in V. Between readings it is eq. (1); a
-reading then moves each level by a fixed share of its innovation, chosen by a time constant.
+State: four levels in cm and the two voltages after the pump lag in V. Between readings eq. (1) predicts; a reading
+moves each level by a fixed share of its innovation, given by a time constant.
 """
 
 from __future__ import annotations
@@ -24,10 +24,7 @@ class LevelFilter:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """Levels in cm and as the voltages they would read; lagged pump voltages in V; innovations in V.
-
-    An innovation is NaN where there was no reading.
-    """
+    """Levels in cm and as sensor voltages, V; pump voltages after the lag, V; innovations, V, NaN without a reading."""
 
     level_cm: Quad
     level_V: Quad
@@ -36,7 +33,7 @@ class Estimate:
 
 
 def start(filter_: LevelFilter, measurement: Measurement, applied_V: Pair) -> Estimate:
-    """Begin at the readings. Every channel must be valid."""
+    """The first estimate: the readings. Every channel must be valid."""
     k = filter_.model.level_gain_V_cm
     y1, y2, y3, y4 = measurement.level_V
     return Estimate((y1 / k, y2 / k, y3 / k, y4 / k), measurement.level_V, applied_V, (0.0, 0.0, 0.0, 0.0))
@@ -50,9 +47,9 @@ def step(
     measurement: Measurement,
     period_s: float,
 ) -> Estimate:
-    """Predict over the period just gone, then correct by what was read.
+    """Predict over the last period, then correct with the readings.
 
-    applied_V : what the pumps were given over that period. A channel that is not valid is only predicted.
+    applied_V : (2,) pump voltages over that period. A channel that is not valid is only predicted.
     """
     predicted, pump_V = _predict(filter_, estimate, applied_V, effectiveness, period_s)
     k = filter_.model.level_gain_V_cm

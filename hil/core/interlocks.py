@@ -1,9 +1,9 @@
-"""The interlocks: what takes the pumps off, by name, in the order in which a trip names its cause.
+"""The interlocks: the conditions that switch the pumps off, in the order in which a trip names its cause.
 
-Each looks at one step's `Situation` and says whether it stands. TRIP: disabled at 0 V in the same step, latched.
-STOP: an orderly ramp down. Trips come first in the table, so that the worst action wins. An operator may bypass those
-that judge the process by what the diagnosis believes, for a time; never one by which the node, the bus or a level
-is gone, or a tank may overflow.
+Each decides from one step's `Situation` whether it is active. TRIP: disabled at 0 V in the same step, latched.
+STOP: an orderly ramp down. Trips come first in the table, so that the worst action wins. An operator may bypass, for a
+limited time, interlocks that rest on the diagnosis alone; never an interlock on the node, the bus, a missing level or
+an overflow. See docs/decisions/0011-interlocks.md.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from hil.core.tanks import TankModel
 from hil.core.types import Diagnosis, Inputs, NodeState, Pair, Quad, TripCause
 
 ALL = (True, True, True, True)
-SOUND = Diagnosis()
+NO_FAULT = Diagnosis()
 
-LOSSY_PATIENCE = 3.0
-"""On a bus that loses frames a heartbeat may be so many times older: at 5 % two in a row are lost every minute."""
+LOSSY_AGE_FACTOR = 3.0
+"""A heartbeat may be this many times older on a bus that loses frames: at 5 %, two in a row are lost every minute."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +29,9 @@ class Limits:
     """Configuration of the supervisor, from the rig file's [safety], [pumps], [sensors] and [tanks].
 
     rim_margin_cm : a predicted peak must stay this far below the rim. invalid_run_max, refused_run_max,
-    errors_per_s_max : the first number that is too many. echo_tolerance_V, echo_mismatch_s : by how much and how long
-    the applied voltages may differ from the command echoed. dead_below, dry_run_V : a pump with less effectiveness
-    than this is dead; both, with a pump driven above this voltage, run dry. bypass_max_s : no bypass is longer.
+    errors_per_s_max : an interlock is active from this number on. echo_tolerance_V, echo_mismatch_s : by how much and
+    for how long the applied voltages may differ from the echoed command. dead_below : a pump with less effectiveness is
+    dead. dry_run_V : two dead pumps, one driven above this voltage, run dry. bypass_max_s : the longest bypass.
     """
 
     range_V: Pair
@@ -60,13 +60,13 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Belief:
-    """What the closed loop makes of this step.
+    """What the control loop estimates at this step.
 
-    level_cm : (4,) estimated levels, None before there are any. pump_V : (2,) what the pumps still deliver, lag
+    level_cm : (4,) estimated levels, None before the first estimate. pump_V : (2,) what the pumps deliver, lag
     included. accommodates : whether the law follows the diagnosis. open_share : (2,) see `overshoot.Outlets`.
     """
 
-    diagnosis: Diagnosis = SOUND
+    diagnosis: Diagnosis = NO_FAULT
     level_cm: Quad | None = None
     pump_V: Pair = (0.0, 0.0)
     accommodates: bool = False
@@ -78,11 +78,10 @@ NO_BELIEF = Belief()
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """All that an interlock may look at.
+    """The inputs of an interlock.
 
-    level_cm : (4,) the best that is known of the levels. pump_V : (2,) the most that a pump may still be delivering.
-    mismatch_s : for how long the applied voltages have differed from the command echoed. open_share : of the lower
-    tanks' outlets.
+    level_cm : (4,) best known levels. pump_V : (2,) the most that a pump may still deliver. mismatch_s : how long the
+    applied voltages have differed from the echoed command. open_share : (2,) of the lower tanks' outlets.
     """
 
     inputs: Inputs
@@ -94,7 +93,7 @@ class Situation:
 
 
 class Reaction(Enum):
-    """What an interlock does when it stands."""
+    """What an active interlock does."""
 
     TRIP = "trip"
     STOP = "stop"
@@ -102,10 +101,10 @@ class Reaction(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Interlock:
-    """A row of the table. detail : numbers for the text, "" when there is nothing to add."""
+    """A row of the table. detail : numbers for the text, or ""."""
 
     cause: TripCause
-    stands: Callable[[Limits, Situation], bool]
+    is_active: Callable[[Limits, Situation], bool]
     text: str
     reaction: Reaction = Reaction.TRIP
     may_bypass: bool = False
@@ -118,9 +117,9 @@ class Interlock:
 
 
 def levels_cm(limits: Limits, inputs: Inputs, belief: Belief) -> Quad:
-    """The best that is known of each level, in cm.
+    """(4,) best known level of each tank, in cm.
 
-    The reading; the estimate where the newest reading is not valid; the diagnosis' own level where it does not trust
+    The reading; the estimate where the newest reading is not valid; the level of the diagnosis where it does not trust
     the sensor.
     """
     k = limits.level_gain_V_cm
@@ -139,8 +138,8 @@ def levels_cm(limits: Limits, inputs: Inputs, belief: Belief) -> Quad:
     return (h1, h2, h3, h4)
 
 
-def _a_level_is_unknown(limits: Limits, s: Situation) -> bool:
-    """A sensor that is taken at its word has to be valid; one that is not trusted needs the diagnosis in its place."""
+def _is_level_unknown(limits: Limits, s: Situation) -> bool:
+    """A trusted sensor must be valid; for a sensor that is not trusted the diagnosis must give a finite level."""
     measurement, diagnosis = s.inputs.measurement, s.diagnosis
     if diagnosis.trusted == ALL:
         return max(measurement.invalid_run) >= limits.invalid_run_max or not all(map(isfinite, measurement.level_V))
@@ -161,12 +160,12 @@ def _will_overflow(limits: Limits, s: Situation) -> bool:
     return max(peak_levels(limits.model, limits.lag_s, s.level_cm, s.pump_V, s.open_share)) > rim_cm
 
 
-def _runs_dry(limits: Limits, s: Situation) -> bool:
-    """No pump gives water that is asked to; one that stands still, and may be no better, is no proof of water."""
+def _is_dry_run(limits: Limits, s: Situation) -> bool:
+    """No driven pump delivers water. A pump at rest whose state is unproven does not count as delivering."""
     dead1, dead2 = (left < limits.dead_below for left in s.diagnosis.effectiveness)
     unproven1, unproven2 = s.diagnosis.unproven
-    gives_none = (dead1 and (dead2 or unproven2)) or (dead2 and unproven1)
-    return gives_none and max(s.inputs.pumps.applied_V) > limits.dry_run_V
+    delivers_nothing = (dead1 and (dead2 or unproven2)) or (dead2 and unproven1)
+    return delivers_nothing and max(s.inputs.pumps.applied_V) > limits.dry_run_V
 
 
 INTERLOCKS: tuple[Interlock, ...] = (
@@ -179,14 +178,14 @@ INTERLOCKS: tuple[Interlock, ...] = (
     Interlock(
         TripCause.FOREIGN_COMMAND,
         lambda _, s: s.inputs.bus.foreign_commands > 0,
-        "somebody else sends pump commands",
+        "another controller sends pump commands",
     ),
     Interlock(
         TripCause.NODE_TRIPPED,
         lambda _, s: s.inputs.pumps.state is NodeState.TRIPPED,
         "the pump node has tripped",
     ),
-    Interlock(TripCause.NODE_REBOOTED, lambda _, s: s.inputs.nodes.rebooted, "a node has booted anew"),
+    Interlock(TripCause.NODE_REBOOTED, lambda _, s: s.inputs.nodes.rebooted, "a node has rebooted"),
     Interlock(
         TripCause.WRONG_CONTRACT,
         lambda _, s: not s.inputs.nodes.contract_matches,
@@ -195,12 +194,12 @@ INTERLOCKS: tuple[Interlock, ...] = (
     Interlock(
         TripCause.FRAMES_REFUSED,
         lambda m, s: s.inputs.bus.refused_run >= m.refused_run_max,
-        "frames of one identifier are refused one after the other",
+        "consecutive frames of one identifier are refused",
     ),
     Interlock(
         TripCause.ERROR_STORM,
         lambda m, s: s.inputs.bus.errors_per_s >= m.errors_per_s_max,
-        "a storm of error frames",
+        "too many error frames",
         may_bypass=True,
         detail=lambda s: f"{s.inputs.bus.errors_per_s} within a second",
     ),
@@ -217,7 +216,7 @@ INTERLOCKS: tuple[Interlock, ...] = (
     Interlock(
         TripCause.NODE_LOST,
         lambda m, s: (
-            s.inputs.nodes.age_s > m.heartbeat_age_max_s * (LOSSY_PATIENCE if s.inputs.nodes.is_lossy else 1.0)
+            s.inputs.nodes.age_s > m.heartbeat_age_max_s * (LOSSY_AGE_FACTOR if s.inputs.nodes.is_lossy else 1.0)
         ),
         "a node's heartbeat is too old",
     ),
@@ -241,11 +240,11 @@ INTERLOCKS: tuple[Interlock, ...] = (
     Interlock(
         TripCause.CONTROLLER_FAILED,
         lambda _, s: not (isfinite(s.diagnosis.effectiveness[0]) and isfinite(s.diagnosis.effectiveness[1])),
-        "the diagnosis takes a pump's effectiveness for no number",
+        "the diagnosis gave an effectiveness that is not a number",
     ),
     Interlock(
         TripCause.INVALID_LEVELS,
-        _a_level_is_unknown,
+        _is_level_unknown,
         "a level is out of range or its sensor has failed",
     ),
     Interlock(
@@ -256,7 +255,7 @@ INTERLOCKS: tuple[Interlock, ...] = (
     Interlock(
         TripCause.SENSORS_LOST,
         lambda _, s: s.diagnosis.is_blind,
-        "a level without a sensor is no longer known from the model either",
+        "a level has no sensor, and the model can no longer estimate it",
     ),
     Interlock(
         TripCause.HIGH_LEVEL,
@@ -267,9 +266,9 @@ INTERLOCKS: tuple[Interlock, ...] = (
     Interlock(
         TripCause.PUMP_STUCK_ON,
         lambda _, s: any(s.diagnosis.stuck_on),
-        "a pump runs whatever it is told",
+        "a pump does not follow its command",
     ),
-    Interlock(TripCause.DRY_RUN, _runs_dry, "the pumps run dry", may_bypass=True),
+    Interlock(TripCause.DRY_RUN, _is_dry_run, "the pumps run dry", may_bypass=True),
     Interlock(
         TripCause.ESTIMATOR_DIVERGED,
         lambda _, s: s.diagnosis.is_diverged,
@@ -290,14 +289,14 @@ INTERLOCKS: tuple[Interlock, ...] = (
         Reaction.STOP,
     ),
 )
-"""In the order in which a trip names its cause when several stand."""
+"""In the order in which a trip names its cause when several are active."""
 
 BYPASSABLE = frozenset(interlock.cause for interlock in INTERLOCKS if interlock.may_bypass)
 
 
-def standing(limits: Limits, situation: Situation, bypassed: tuple[TripCause, ...] = ()) -> Interlock | None:
-    """The first interlock that stands and is not bypassed; None when all is well."""
+def first_active(limits: Limits, situation: Situation, bypassed: tuple[TripCause, ...] = ()) -> Interlock | None:
+    """The first interlock that is active and not bypassed, or None."""
     for interlock in INTERLOCKS:
-        if interlock.stands(limits, situation) and interlock.cause not in bypassed:
+        if interlock.is_active(limits, situation) and interlock.cause not in bypassed:
             return interlock
     return None

@@ -1,19 +1,19 @@
-"""How high the tanks would still rise if both pumps were stopped now.
+"""Peak levels: how high each tank still rises when both pumps are stopped now.
 
-What has been pumped up still comes down: tank 3 drains into tank 1, tank 4 into tank 2. With no inflow,
+The upper tanks still drain: tank 3 into tank 1, tank 4 into tank 2. Without inflow,
 
-    A_u h_u' = -a_u sqrt(2 g h_u)                      the upper tank: sqrt(h_u) falls at a constant pace
-    A_l h_l' =  a_u sqrt(2 g h_u) - a_l sqrt(2 g h_l)  the lower one: highest where a_l^2 h_l = a_u^2 h_u
+    A_u h_u' = -a_u sqrt(2 g h_u)                      the upper tank: sqrt(h_u) falls at a constant rate
+    A_l h_l' =  a_u sqrt(2 g h_u) - a_l sqrt(2 g h_l)  the lower tank: highest where a_l^2 h_l = a_u^2 h_u
 
 With w = sqrt(h_l/h_u), alpha = A_u/A_l, beta = a_l/a_u the second over the first is separable:
 
     d ln sqrt(h_u) = -w dw/(w^2 - alpha beta w + alpha),   peak at w = 1/beta
 
-Pumps deliver on while their lag fades, a volume of k_j v_j times the lag. Outflow grows with level, so water that comes
-in besides lifts a tank, or the one below it, by no more than its own volume: it is added on top, an upper bound.
+While its lag decays a pump still delivers a volume of k_j v_j times the lag. Outflow grows with level, so additional
+water raises a tank, or the tank below it, by at most its own volume. Adding that volume gives an upper bound.
 
-A blocked outlet drains less than eq. (1) says, so a lower tank's is taken as it is seen to be: what flows in less what
-stays, as a share of a_l sqrt(2 g h_l), smoothed over SMOOTHING_S.
+A blocked outlet drains less than eq. (1) says. The outflow of a lower tank is therefore measured: inflow minus the
+change of its volume, as a share of a_l sqrt(2 g h_l), smoothed over SMOOTHING_S.
 """
 
 from __future__ import annotations
@@ -26,25 +26,25 @@ from math import exp, sqrt
 from hil.core.tanks import TankModel
 from hil.core.types import Pair, Quad
 
-LEAST_ROOT = 1e-6
+MIN_ROOT_DISTANCE = 1e-6
 """The two roots of w^2 - alpha beta w + alpha are kept at least this far apart."""
 
 SMOOTHING_S = 3.0
-LEAST_SHARE = 0.02
-"""An outlet that is all but shut; the water above then comes down to the last drop."""
+MIN_SHARE = 0.02
+"""Lower limit of the open share: an outlet that is almost shut. All water above then still arrives."""
 
-WIDEST_SHARE = (-1.0, 3.0)
-"""No single step can say more of an outlet than this; a level that jumps is a sensor's matter."""
+SHARE_RANGE = (-1.0, 3.0)
+"""Limits for what one step may contribute to the share; a level that jumps more is a sensor fault."""
 
-SHALLOWEST_CM = 1.0
-"""A lower tank with less in it says little of its outlet."""
+MIN_LEVEL_CM = 1.0
+"""The share is computed as if the level were at least this high: a nearly empty tank shows little of its outlet."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outlets:
-    """What is seen of the lower tanks' outlets.
+    """State of the outlet monitor for the two lower tanks.
 
-    share : (2,) of the outflow that eq. (1) would have. level_cm : (2,) the levels at watched_ns; None before that.
+    share : (2,) measured outflow over that of eq. (1). level_cm : (2,) levels at watched_ns, None at first.
     """
 
     share: Pair = (1.0, 1.0)
@@ -53,13 +53,13 @@ class Outlets:
 
     @property
     def open_share(self) -> Pair:
-        """(2,) the share as far as it can be relied on: never more than a clean outlet."""
+        """(2,) the share within MIN_SHARE..1: never more than a clean outlet."""
         first, second = self.share
-        return min(max(first, LEAST_SHARE), 1.0), min(max(second, LEAST_SHARE), 1.0)
+        return min(max(first, MIN_SHARE), 1.0), min(max(second, MIN_SHARE), 1.0)
 
 
 def watch(model: TankModel, outlets: Outlets, level_cm: Quad, pump_V: Pair, now_ns: int) -> Outlets:
-    """The balance of each lower tank since the last step. pump_V : (2,) what the pumps deliver, effective volts."""
+    """Update from the mass balance of each lower tank since the last step. pump_V : (2,) effective pump voltages, V."""
     h1, h2, h3, h4 = level_cm
     period_s = (now_ns - outlets.watched_ns) * 1e-9
     if outlets.level_cm is None or period_s <= 0.0:
@@ -71,9 +71,9 @@ def watch(model: TankModel, outlets: Outlets, level_cm: Quad, pump_V: Pair, now_
     s = sqrt(2.0 * model.gravity_cm_s2)
     left1 = a3 * s * sqrt(max(h3, 0.0)) + g1 * k1 * pump_V[0] - A1 * (h1 - last1) / period_s
     left2 = a4 * s * sqrt(max(h4, 0.0)) + g2 * k2 * pump_V[1] - A2 * (h2 - last2) / period_s
-    seen1 = left1 / (a1 * s * sqrt(max(h1, SHALLOWEST_CM)))
-    seen2 = left2 / (a2 * s * sqrt(max(h2, SHALLOWEST_CM)))
-    low, high = WIDEST_SHARE
+    seen1 = left1 / (a1 * s * sqrt(max(h1, MIN_LEVEL_CM)))
+    seen2 = left2 / (a2 * s * sqrt(max(h2, MIN_LEVEL_CM)))
+    low, high = SHARE_RANGE
     weight = min(period_s / SMOOTHING_S, 1.0)
     share1 += weight * (min(max(seen1, low), high) - share1)
     share2 += weight * (min(max(seen2, low), high) - share2)
@@ -81,9 +81,9 @@ def watch(model: TankModel, outlets: Outlets, level_cm: Quad, pump_V: Pair, now_
 
 
 def peak_levels(model: TankModel, lag_s: float, level_cm: Quad, pump_V: Pair, open_share: Pair = (1.0, 1.0)) -> Quad:
-    """The highest that each level can become, in cm, with the pumps stopped now.
+    """(4,) the peak of each level, in cm, with the pumps stopped now.
 
-    pump_V : (2,) the most that each pump may still be delivering, as a voltage. open_share : (2,) of `Outlets`.
+    pump_V : (2,) the most that each pump may still deliver, as a voltage. open_share : (2,) of `Outlets`.
     """
     A1, A2, A3, A4 = model.area_cm2
     a1, a2, a3, a4 = model.outlet_cm2
@@ -103,14 +103,14 @@ def peak_levels(model: TankModel, lag_s: float, level_cm: Quad, pump_V: Pair, op
 
 
 def drained_peak(alpha: float, beta: float, upper_cm: float, lower_cm: float) -> float:
-    """Highest level in cm of a lower tank that still rises while the one above it drains into it.
+    """Peak level in cm of a lower tank while the tank above it drains into it.
 
-    alpha : A_u/A_l. beta : a_l/a_u. It rises as long as beta^2 lower_cm < upper_cm.
+    alpha : A_u/A_l. beta : a_l/a_u. The lower tank rises as long as beta^2 lower_cm < upper_cm.
     """
     half = 0.5 * alpha * beta
     root = complex_sqrt(half * half - alpha)
-    if abs(root) < LEAST_ROOT:
-        root = complex(LEAST_ROOT)
+    if abs(root) < MIN_ROOT_DISTANCE:
+        root = complex(MIN_ROOT_DISTANCE)
     first, second = half + root, half - root
 
     def integral(w: float) -> complex:

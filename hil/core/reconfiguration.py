@@ -1,4 +1,7 @@
-"""Reference and diagnosis in, control law out: gains, operating voltages, the target that the pumps can reach."""
+"""The control law for a reference and a diagnosis: gains, operating voltages, the target that the pumps can reach.
+
+Hajiani and Poshtan (2012), section 4.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +12,12 @@ from hil.core.state_feedback import ControlLaw
 from hil.core.tanks import TankModel, equilibrium, linearise, nearest_reachable
 from hil.core.types import Pair
 
-LEAST_EFFECTIVENESS = 0.05
-"""A pump with less left than this is dead: no feedback reaches it. It stands by at the voltage that a sound one would
-need, and shows there if it comes back."""
+MIN_EFFECTIVENESS = 0.05
+"""A pump with less effectiveness than this is dead: feedback has no effect on it. It gets the voltage that a healthy
+pump would need, so that its recovery can be seen."""
 
-LOWEST_LINEARISED_CM = 0.2
-"""Eq. (3) has no time constant for an empty tank; below this level the gains no longer follow."""
+MIN_LINEARISED_CM = 0.2
+"""Lower limit of the levels in the linearisation: eq. (3) has no time constant for an empty tank."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,12 +30,12 @@ class Reconfiguration:
     operating_point_V: Pair
 
     def law(self, reference_V: Pair, effectiveness: Pair) -> ControlLaw:
-        """The law for a reference (V) and what is left of the pumps' gains. Cheap enough for every control step.
+        """The law for a reference (2,) in V and the pumps' effectiveness (2,). Fast enough for every control step.
 
-        Gains are those of PEA for nominal pumps, divided by theta with everything else that goes to a pump. That is
-        PEA for the faulty B Theta as well: with parameters Theta^-1 w_i it has the same eigenvectors and Theta^-1 K.
+        The gains are those of PEA for nominal pumps; the whole command of a pump is divided by its theta. That is also
+        PEA for the faulty B Theta: with parameters Theta^-1 w_i it has the same eigenvectors and gain Theta^-1 K.
         """
-        theta = (max(effectiveness[0], LEAST_EFFECTIVENESS), max(effectiveness[1], LEAST_EFFECTIVENESS))
+        theta = (max(effectiveness[0], MIN_EFFECTIVENESS), max(effectiveness[1], MIN_EFFECTIVENESS))
         k = self.model.level_gain_V_cm
         wanted_cm = (reference_V[0] / k, reference_V[1] / k)
         effective_limit = (effectiveness[0] * self.limit_V, effectiveness[1] * self.limit_V)
@@ -41,17 +44,17 @@ class Reconfiguration:
         operating_V = reachable.holding_V if self.design.follows_reference else self.operating_point_V
         operating_V = (max(operating_V[0], 0.0), max(operating_V[1], 0.0))
         levels = equilibrium(self.model, operating_V)
-        h1, h2, h3, h4 = (max(h, LOWEST_LINEARISED_CM) for h in levels)
+        h1, h2, h3, h4 = (max(h, MIN_LINEARISED_CM) for h in levels)
         gains = self.design.gains(linearise(self.model, (h1, h2, h3, h4)))
         return ControlLaw(
             gains, levels, operating_V, target_V, theta, reachable.reason, self._standby(effectiveness, wanted_cm)
         )
 
     def _standby(self, effectiveness: Pair, wanted_cm: Pair) -> tuple[float | None, float | None]:
-        if min(effectiveness) >= LEAST_EFFECTIVENESS:
+        if min(effectiveness) >= MIN_EFFECTIVENESS:
             return None, None
         v1, v2 = nearest_reachable(self.model, wanted_cm, (self.limit_V, self.limit_V)).holding_V
         return (
-            v1 if effectiveness[0] < LEAST_EFFECTIVENESS else None,
-            v2 if effectiveness[1] < LEAST_EFFECTIVENESS else None,
+            v1 if effectiveness[0] < MIN_EFFECTIVENESS else None,
+            v2 if effectiveness[1] < MIN_EFFECTIVENESS else None,
         )

@@ -4,7 +4,7 @@ x = h - h0 (4 levels, cm), q = integral of e = r - y (2, V s):
 
     u = -K_x x - K_q q,      v = (v0 + u) / theta
 
-theta is what is left of each pump's gain; v0 + u is the *effective* voltage, the one that a sound pump would need.
+theta is the effectiveness of each pump; v0 + u is the *effective* voltage, which a healthy pump would need.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from hil.core.types import Pair, Quad
 
 @dataclass(frozen=True)
 class ControlLaw:
-    """What state feedback runs on until reference or diagnosis change.
+    """Parameters of the state feedback until reference or diagnosis change.
 
-    operating_level_cm : (4,) x = h - this. operating_V : (2,) v0, for nominal pumps. target_V : (2,) outputs aimed at.
-    effectiveness : (2,) what v = (v0 + u)/theta divides by. reason : why the target is not the reference; "" if it is.
-    standby_V : (2,) what a dead pump gets; None for one that works.
+    operating_level_cm : (4,) h0 in x = h - h0. operating_V : (2,) v0, for nominal pumps. target_V : (2,) outputs in
+    force. effectiveness : (2,) theta in v = (v0 + u)/theta. reason : why the target is not the reference; "" if it is.
+    standby_V : (2,) voltage of a dead pump; None for a pump that works.
     """
 
     gains: Gains
@@ -54,7 +54,7 @@ def effective_voltage(law: ControlLaw, integral_Vs: Pair, level_cm: Quad) -> Pai
 
 
 def pump_voltage(law: ControlLaw, effective_V: Pair) -> Pair:
-    """V = (v0 + u)/theta in V, still without limits; a dead pump's stand-by voltage."""
+    """V = (v0 + u)/theta in V, before limits; for a dead pump its stand-by voltage."""
     v1, v2 = effective_V[0] / law.effectiveness[0], effective_V[1] / law.effectiveness[1]
     if law.standby_V == (None, None):
         return v1, v2
@@ -63,7 +63,7 @@ def pump_voltage(law: ControlLaw, effective_V: Pair) -> Pair:
 
 
 def undelivered(law: ControlLaw, effective_V: Pair, excess_V: Pair) -> Pair:
-    """What the pumps didn't get of the voltage asked for, V; of a dead one, all that would have had an effect."""
+    """(2,) requested minus applied voltage, V; for a dead pump the whole requested voltage."""
     if law.standby_V == (None, None):
         return excess_V
     (s1, s2), (t1, t2) = law.standby_V, law.effectiveness
@@ -74,9 +74,9 @@ def undelivered(law: ControlLaw, effective_V: Pair, excess_V: Pair) -> Pair:
 
 
 def bumpless_integral(law: ControlLaw, level_cm: Quad, effective_V: Pair) -> Pair:
-    """The q in V s at which this law gives just these effective voltages.
+    """The integrals q (2,) in V s for which this law gives these effective voltages.
 
-    Used whenever gains or operating point change under way, and on taking over from other hands.
+    Used when gains or operating point change during a run, and when control takes over from MANUAL.
     """
     p1, p2 = _level_part(law, level_cm)
     d1 = law.operating_V[0] - p1 - effective_V[0]
@@ -93,10 +93,10 @@ def advance_integral(
     period_s: float,
     anti_windup_s: float,
 ) -> Pair:
-    """Q after one period: the error, and back-calculation of what the pumps did not get.
+    """The integrals q (2,) after one period: integration of the error, and anti-windup by back-calculation.
 
-    excess_V : (2,) voltage asked for minus voltage applied. While a pump is at its limit the integrals move so that
-    the voltage asked for returns to the one applied with time constant anti_windup_s; the whole way is
+    excess_V : (2,) requested minus applied voltage. While a pump is at its limit the integrals move so that the
+    requested voltage approaches the applied one with time constant anti_windup_s; the full correction is
     q -> q + K_q^-1 theta (v - v_applied).
     """
     rate = min(period_s / anti_windup_s, 1.0) if anti_windup_s > 0.0 else 1.0

@@ -1,18 +1,18 @@
-"""Modes: what may be sent to the pumps, whatever the control law or an operator asks for.
+"""The supervisor: modes, and what may be sent to the pumps.
 
 DISARMED -> READY     every condition for arming holds (`not_ready` names the first that does not)
-READY -> RUNNING      on the next step, if they still hold; otherwise back to DISARMED
+READY -> RUNNING      on the next step, if the conditions still hold; otherwise back to DISARMED
 RUNNING <-> DEGRADED  DEGRADED while a fault is known and accommodated
-controlling <-> MANUAL   the operator's voltages instead of the loop's, until asked for AUTO; begins with those in force
-moving -> STOPPING    asked to stop, or an interlock that stops: both pumps ramp down, then are disabled
+controlling <-> MANUAL   the operator's voltages instead of the loop's until AUTO; begins with the present voltages
+moving -> STOPPING    stop requested, or an interlock that stops: both pumps ramp down, then are disabled
 moving, STOPPING -> TRIPPED   an interlock that trips, or a failure: disabled at 0 V in the same step, latched, first
                       cause kept
-TRIPPED -> DISARMED   asked to clear it, and nothing but the pump node's own trip still stands
+TRIPPED -> DISARMED   clear requested, and no interlock is active but the pump node's own trip
 
-The worst action wins: a trip over a stop, a stop over MANUAL and control. A bypass takes an interlock out for a limited
-time; when that ends the interlock counts again in the same step. Requests that don't fit the mode are refused, and
-say so. In every mode but RUNNING, DEGRADED, MANUAL and the ramp of STOPPING the command is "disabled, 0 V"; it is sent
-all the same, so that the node and its echo are watched before anything moves.
+The worst action wins: a trip over a stop, a stop over MANUAL and control. A bypass disables an interlock for a limited
+time; when it ends, the interlock counts again in the same step. A request that the mode does not allow is refused with
+an event. In every mode but RUNNING, DEGRADED, MANUAL and the ramp of STOPPING the command is "disabled, 0 V"; it is
+still sent, so that the node and its echo are checked before anything moves. See docs/decisions/0011-interlocks.md.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from hil.core.interlocks import (
     Interlock,
     Reaction,
     Situation,
+    first_active,
     levels_cm,
-    standing,
 )
 from hil.core.interlocks import (
     Limits as Limits,
@@ -39,7 +39,7 @@ OFF = Command((0.0, 0.0), enable=False)
 CLEAR = Command((0.0, 0.0), enable=False, clear_trip=True)
 OPERATOR = "operator"
 
-HEEDED = {
+ALLOWED_ACTIONS = {
     Mode.DISARMED: (Action.BYPASS, Action.STOP),
     Mode.READY: (Action.BYPASS, Action.STOP),
     Mode.RUNNING: (Action.BYPASS, Action.STOP, Action.MANUAL),
@@ -48,17 +48,17 @@ HEEDED = {
     Mode.STOPPING: (Action.BYPASS, Action.STOP),
     Mode.TRIPPED: (Action.BYPASS, Action.STOP, Action.CLEAR),
 }
-"""What an operator may ask for in each mode; everything else is refused."""
+"""The operator requests that each mode allows; others are refused."""
 
 
 @dataclass(frozen=True, slots=True)
 class Supervision:
-    """State.
+    """State of the supervisor.
 
-    cause : of the trip. command_V : what was let pass last. mismatch_since_ns : since when the node has not applied
-    what it echoes, -1 when it does. manual_V : what the operator wants. bypasses : interlocks and until when.
-    stopped_by : "" or who asked for the stop, the run's own end left out. clears_node : the operator cleared a trip,
-    the pump node's may go with it.
+    cause : of the trip. command_V : (2,) last command. mismatch_since_ns : since when the node has not applied what it
+    echoes, -1 if it does. manual_V : (2,) the operator's voltages. bypasses : (interlock, end in ns). stopped_by : ""
+    or who requested the stop (not set at the end of the run). clears_node : the operator cleared a trip, and the pump
+    node's trip may be cleared too.
     """
 
     mode: Mode = Mode.DISARMED
@@ -72,25 +72,25 @@ class Supervision:
 
 
 Step = tuple[Supervision, tuple[Event, ...]]
-Wishes = dict[Action, Request]
+Requests = dict[Action, Request]
 
 
 def next_mode(limits: Limits, state: Supervision, inputs: Inputs, now_ns: int, belief: Belief = NO_BELIEF) -> Step:
-    """The mode for this step, with what is to be said about it. belief : what the closed loop makes of the inputs."""
-    wishes: Wishes = {}
-    heard: tuple[Event, ...] = ()
+    """The mode for this step, and its events. belief : what the control loop estimates from the inputs."""
+    requested: Requests = {}
+    request_events: tuple[Event, ...] = ()
     if state.bypasses or inputs.requests:
-        state, wishes, heard = _heard(limits, state, inputs.requests, now_ns)
+        state, requested, request_events = _sort_requests(limits, state, inputs.requests, now_ns)
     if _mismatches(limits, inputs) != (state.mismatch_since_ns >= 0):
         state = replace(state, mismatch_since_ns=now_ns if state.mismatch_since_ns < 0 else -1)
     situation = _situation(limits, state, inputs, now_ns, belief)
     if state.mode is Mode.TRIPPED:
-        state, said = _tripped(limits, state, wishes, situation)
+        state, events = _step_tripped(limits, state, requested, situation)
     elif state.mode in (Mode.DISARMED, Mode.READY):
-        state, said = _waiting(limits, state, wishes, situation, belief)
+        state, events = _step_disarmed(limits, state, requested, situation, belief)
     else:
-        state, said = _moving(limits, state, wishes, situation, belief)
-    return state, heard + said
+        state, events = _step_moving(limits, state, requested, situation, belief)
+    return state, request_events + events
 
 
 def not_ready(limits: Limits, inputs: Inputs) -> str:
@@ -99,7 +99,7 @@ def not_ready(limits: Limits, inputs: Inputs) -> str:
 
 
 def trip(state: Supervision, cause: TripCause, text: str) -> Step:
-    """Latch TRIPPED; the first cause stays. For a pump that does not obey, ask that its supply be cut."""
+    """Latch TRIPPED; the first cause is kept. For a pump that is stuck on, an event asks to cut its supply."""
     if state.mode is Mode.TRIPPED:
         return state, ()
     events: tuple[Event, ...] = (Event(Severity.ERROR, "trip", f"tripped: {text}", {"cause": cause.value}),)
@@ -109,9 +109,9 @@ def trip(state: Supervision, cause: TripCause, text: str) -> Step:
 
 
 def safe_command(limits: Limits, state: Supervision, wanted_V: Pair, period_s: float) -> tuple[Supervision, Command]:
-    """The command for this step: within range and rate of the last one, or off.
+    """The command for this step: within range and rate limit, or off.
 
-    wanted_V : the law's; it must be finite where the mode is controlling (ValueError otherwise: the caller trips).
+    wanted_V : (2,) of the law; must be finite while the mode is controlling, otherwise ValueError (the caller trips).
     """
     mode = state.mode
     if mode is Mode.STOPPING:
@@ -134,22 +134,22 @@ def safe_command(limits: Limits, state: Supervision, wanted_V: Pair, period_s: f
 
 
 def is_at_rest(inputs: Inputs) -> bool:
-    """Whether the pump node itself says that both outputs are at 0 V and that it no longer runs."""
+    """Whether the pump node reports both outputs at 0 V and is not in state RUN."""
     return inputs.pumps.applied_V == (0.0, 0.0) and inputs.pumps.state is not NodeState.RUN
 
 
-def _heard(
+def _sort_requests(
     limits: Limits, state: Supervision, requests: tuple[Request, ...], now_ns: int
-) -> tuple[Supervision, Wishes, tuple[Event, ...]]:
-    """Bypasses end and begin; of the other requests those that this mode heeds, the last one of a kind."""
+) -> tuple[Supervision, Requests, tuple[Event, ...]]:
+    """Update the bypasses; return the other requests that this mode allows, the last one of each kind."""
     events: list[Event] = []
     bypasses = {cause: until_ns for cause, until_ns in state.bypasses if until_ns > now_ns}
     for cause, _ in state.bypasses:
         if cause not in bypasses:
             events.append(Event(Severity.WARNING, "bypass_end", f"{cause} counts again", {"interlock": cause.value}))
-    wishes: Wishes = {}
+    requested: Requests = {}
     for request in requests:
-        reason = _objection(limits, state.mode, request)
+        reason = _refusal_reason(limits, state.mode, request)
         if reason:
             events.append(_refusal(request.action, reason, reason))
         elif request.action is Action.BYPASS and request.interlock is not None:
@@ -158,89 +158,91 @@ def _heard(
             data: dict[str, object] = {"interlock": request.interlock.value, "for_s": for_s}
             events.append(Event(Severity.WARNING, "bypass", f"{request.interlock} bypassed for {for_s:g} s", data))
         else:
-            wishes[request.action] = request
-    return replace(state, bypasses=tuple(bypasses.items())), wishes, tuple(events)
+            requested[request.action] = request
+    return replace(state, bypasses=tuple(bypasses.items())), requested, tuple(events)
 
 
-def _objection(limits: Limits, mode: Mode, request: Request) -> str:
+def _refusal_reason(limits: Limits, mode: Mode, request: Request) -> str:
     """Why a request is refused; "" when it is not."""
-    if request.action not in HEEDED[mode]:
+    if request.action not in ALLOWED_ACTIONS[mode]:
         return f"not while {mode.name}"
     if request.action is Action.BYPASS:
         if request.interlock not in BYPASSABLE:
             return f"{request.interlock} can't be bypassed"
         if not 0.0 < request.for_s < inf:
-            return f"{request.for_s:g} s is no time"
+            return f"for_s must be positive and finite, not {request.for_s:g} s"
     low, high = limits.range_V
     if request.voltage_V is not None and not all(low <= voltage <= high for voltage in request.voltage_V):
         return f"{request.voltage_V} V is outside {low:g}..{high:g} V"
     return ""
 
 
-def _tripped(limits: Limits, state: Supervision, wishes: Wishes, situation: Situation) -> Step:
-    """Latched, until cleared with nothing standing. The pump node's own trip goes by the clearing itself."""
-    if Action.STOP in wishes:
+def _step_tripped(limits: Limits, state: Supervision, requested: Requests, situation: Situation) -> Step:
+    """Latched until cleared while no interlock is active. The pump node's own trip is cleared by the clear command."""
+    if Action.STOP in requested:
         state = replace(state, stopped_by=OPERATOR)
-    if Action.CLEAR not in wishes:
+    if Action.CLEAR not in requested:
         return state, ()
-    stands = standing(limits, situation, (*_bypassed(state), TripCause.NODE_TRIPPED))
-    if stands is not None:
-        return state, (_refusal(Action.CLEAR, stands.cause.value, stands.describe(situation)),)
-    return _moved(replace(state, cause=None, clears_node=True), Mode.DISARMED)
+    active = first_active(limits, situation, (*_bypassed(state), TripCause.NODE_TRIPPED))
+    if active is not None:
+        return state, (_refusal(Action.CLEAR, active.cause.value, active.describe(situation)),)
+    return _enter_mode(replace(state, cause=None, clears_node=True), Mode.DISARMED)
 
 
-def _waiting(limits: Limits, state: Supervision, wishes: Wishes, situation: Situation, belief: Belief) -> Step:
-    """DISARMED or READY: on when everything holds, back when it does not. Once asked to stop it stays disarmed."""
-    if Action.STOP in wishes:
+def _step_disarmed(
+    limits: Limits, state: Supervision, requested: Requests, situation: Situation, belief: Belief
+) -> Step:
+    """DISARMED or READY: one mode on if every condition holds, otherwise DISARMED. After a stop it stays disarmed."""
+    if Action.STOP in requested:
         state = replace(state, stopped_by=OPERATOR)
-    is_asked_to_stop = situation.inputs.stop_requested or bool(state.stopped_by)
-    if is_asked_to_stop or _unready(limits, situation, _bypassed(state)):
-        return _moved(state, Mode.DISARMED)
+    is_stop_requested = situation.inputs.stop_requested or bool(state.stopped_by)
+    if is_stop_requested or _unready(limits, situation, _bypassed(state)):
+        return _enter_mode(state, Mode.DISARMED)
     if state.mode is Mode.DISARMED:
-        return _moved(state, Mode.READY)
-    return _moved(replace(state, clears_node=False), _automatic(belief))
+        return _enter_mode(state, Mode.READY)
+    return _enter_mode(replace(state, clears_node=False), _automatic(belief))
 
 
-def _moving(limits: Limits, state: Supervision, wishes: Wishes, situation: Situation, belief: Belief) -> Step:
-    """RUNNING, DEGRADED, MANUAL or STOPPING: the worst action that anything asks for."""
-    stands = standing(limits, situation, _bypassed(state))
-    if stands is not None and stands.reaction is Reaction.TRIP:
-        return trip(state, stands.cause, stands.describe(situation))
+def _step_moving(limits: Limits, state: Supervision, requested: Requests, situation: Situation, belief: Belief) -> Step:
+    """RUNNING, DEGRADED, MANUAL or STOPPING: the worst requested action wins."""
+    active = first_active(limits, situation, _bypassed(state))
+    if active is not None and active.reaction is Reaction.TRIP:
+        return trip(state, active.cause, active.describe(situation))
     if state.mode is Mode.STOPPING:
         return state, ()
-    if stands is not None:
-        return _stopped(state, stands)
-    if Action.STOP in wishes:
-        return _moved(replace(state, stopped_by=OPERATOR), Mode.STOPPING)
+    if active is not None:
+        return _stop_for(state, active)
+    if Action.STOP in requested:
+        return _enter_mode(replace(state, stopped_by=OPERATOR), Mode.STOPPING)
     if situation.inputs.stop_requested:
-        return _moved(state, Mode.STOPPING)
-    if Action.MANUAL in wishes:
-        asked_V = wishes[Action.MANUAL].voltage_V
-        return _moved(replace(state, manual_V=state.command_V if asked_V is None else asked_V), Mode.MANUAL)
-    if state.mode is Mode.MANUAL and Action.AUTO not in wishes:
+        return _enter_mode(state, Mode.STOPPING)
+    if Action.MANUAL in requested:
+        asked_V = requested[Action.MANUAL].voltage_V
+        return _enter_mode(replace(state, manual_V=state.command_V if asked_V is None else asked_V), Mode.MANUAL)
+    if state.mode is Mode.MANUAL and Action.AUTO not in requested:
         return state, ()
-    return _moved(state, _automatic(belief))
+    return _enter_mode(state, _automatic(belief))
 
 
 def _refusal(action: Action, reason: str, text: str) -> Event:
     return Event(Severity.WARNING, "refused", f"{action} refused: {text}", {"action": action.value, "reason": reason})
 
 
-def _stopped(state: Supervision, stands: Interlock) -> Step:
-    """An interlock asks for an orderly stop."""
-    event = Event(Severity.ERROR, "stop", f"stopping: {stands.text}", {"cause": stands.cause.value})
-    state, said = _moved(replace(state, stopped_by=stands.cause.value), Mode.STOPPING)
-    return state, (event, *said)
+def _stop_for(state: Supervision, active: Interlock) -> Step:
+    """Begin the orderly stop that an interlock requires."""
+    event = Event(Severity.ERROR, "stop", f"stopping: {active.text}", {"cause": active.cause.value})
+    state, events = _enter_mode(replace(state, stopped_by=active.cause.value), Mode.STOPPING)
+    return state, (event, *events)
 
 
 def _unready(limits: Limits, situation: Situation, bypassed: tuple[TripCause, ...]) -> str:
-    """Everything that would trip or stop, a reading in doubt, a pump node that does not wait for commands; or ""."""
-    stands = standing(limits, situation, bypassed)
-    if stands is not None:
-        return stands.describe(situation)
+    """An active interlock, a reading that is not valid, or a pump node that is not ready, as text; "" if none."""
+    active = first_active(limits, situation, bypassed)
+    if active is not None:
+        return active.describe(situation)
     inputs, diagnosis = situation.inputs, situation.diagnosis
-    in_doubt = [t and not v for t, v in zip(diagnosis.trusted, inputs.measurement.valid, strict=True)]
-    if any(in_doubt):
+    invalid = [t and not v for t, v in zip(diagnosis.trusted, inputs.measurement.valid, strict=True)]
+    if any(invalid):
         return "a level is out of range or its sensor has failed"
     if inputs.pumps.state is not NodeState.READY:
         return f"the pump node is in state {inputs.pumps.state.name.lower()}, not ready"
@@ -252,7 +254,7 @@ def _automatic(belief: Belief) -> Mode:
 
 
 def _mismatches(limits: Limits, inputs: Inputs) -> bool:
-    """Whether the applied voltages differ from the command echoed, by more than converters do."""
+    """Whether the applied voltages differ from the echoed command by more than the converters explain."""
     short1, short2 = inputs.pumps.shortfall_V
     return abs(short1) > limits.echo_tolerance_V or abs(short2) > limits.echo_tolerance_V
 
@@ -289,7 +291,7 @@ def _with_command(state: Supervision, voltage: Pair) -> Supervision:
     )
 
 
-def _moved(state: Supervision, mode: Mode) -> Step:
+def _enter_mode(state: Supervision, mode: Mode) -> Step:
     if mode is state.mode:
         return state, ()
     event = Event(Severity.INFO, "mode", f"{state.mode.name} -> {mode.name}", {"mode": mode.name})

@@ -1,7 +1,7 @@
 """The records that flow through a control step.
 
 Order everywhere: tank 1, 2 (lower), 3, 4 (upper); pump 1, 2; output 1, 2. Signals keep the unit they have on the
-bench: level *voltages* in V (0.5 V/cm), pump voltages in V; levels in cm only where a name says so.
+bench: level *voltages* in V (0.5 V/cm), pump voltages in V; levels in cm only where the name ends in _cm.
 Small vectors are tuples of floats: immutable, quick, and written to a record as they are.
 """
 
@@ -16,7 +16,7 @@ Quad = tuple[float, float, float, float]
 
 
 class Mode(IntEnum):
-    """What the controller is doing; the number is what the record and the timeline carry."""
+    """Mode of the controller; the number is what the record and the Rerun timeline contain."""
 
     DISARMED = 0
     READY = 1
@@ -33,12 +33,12 @@ class Mode(IntEnum):
 
     @property
     def moves_pumps(self) -> bool:
-        """Whether somebody asks for pump voltages in this mode: the loop or the operator."""
+        """Whether the loop or the operator sets pump voltages in this mode."""
         return self in (Mode.RUNNING, Mode.DEGRADED, Mode.MANUAL)
 
 
 class NodeState(IntEnum):
-    """State of a node, as the wire's value table has it."""
+    """State of a node, as in the value table of the DBC."""
 
     BOOT = 0
     READY = 1
@@ -47,7 +47,7 @@ class NodeState(IntEnum):
 
 
 class TripCause(StrEnum):
-    """What took the pumps to 0 V: the interlocks by name. The first one stays until the trip is cleared."""
+    """Why the pumps went to 0 V: the interlocks by name. The first cause is kept until the trip is cleared."""
 
     STALE_LEVELS = "stale_levels"
     INVALID_LEVELS = "invalid_levels"
@@ -72,7 +72,7 @@ class TripCause(StrEnum):
 
 
 class Severity(StrEnum):
-    """How much an event matters; named as log levels are."""
+    """Severity of an event, named like log levels."""
 
     INFO = "INFO"
     WARNING = "WARN"
@@ -81,7 +81,7 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something worth a line in the log: `code` is for programs, `text` for people, `data` has the numbers."""
+    """A line of the event log: `code` for programs, `text` for people, `data` with the numbers."""
 
     severity: Severity
     code: str
@@ -91,18 +91,18 @@ class Event:
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """The four level voltages as they stand at a control step.
+    """The four level voltages at a control step.
 
-    level_V : mean of the valid readings that came since the last step; the newest one, valid or not, when there were
-    none; NaN before the first.
-    valid : whether each channel's newest reading was in range and its node vouches for it.
+    level_V : mean of the valid readings since the last step; without any, the newest reading, valid or not; NaN before
+    the first.
+    valid : whether each channel's newest reading was in range and marked valid by its node.
     age_s : age of the oldest of the newest readings; inf before the first.
-    readings : how many came since the last step (the smaller of the two frames), valid or not.
-    variance_V2 : of the valid ones about their mean, per channel; NaN for fewer than two.
-    jitter_V2 : half the mean square of their steps from one to the next, the largest step left out: little for a sensor
-    that jumps once, much for a noisy one; NaN for fewer than two.
-    repeats : how many readings in a row, up to the newest, had the newest one's value (the newest left out).
-    invalid_run : how many readings in a row, up to the newest, were not valid.
+    readings : number of readings since the last step (the smaller of the two frames), valid or not.
+    variance_V2 : of the valid readings about their mean, per channel; NaN for fewer than two.
+    jitter_V2 : half the mean square of the differences of consecutive readings, without the largest difference: small
+    for a sensor that jumps once, large for a noisy one; NaN for fewer than two.
+    repeats : number of consecutive readings before the newest that equal the newest.
+    invalid_run : number of consecutive readings, up to the newest, that were not valid.
     """
 
     level_V: Quad
@@ -117,11 +117,11 @@ class Measurement:
 
 @dataclass(frozen=True, slots=True)
 class PumpFeedback:
-    """What the pump node last said of itself.
+    """The newest status of the pump node.
 
-    applied_V : its own outputs. shortfall_V : by how much they fell short of the command that it last echoed.
-    age_s : of its status; inf before the first. unechoed_s : how long the oldest command that the node has not
-    confirmed has been waiting; 0 when all are confirmed.
+    applied_V : (2,) its outputs. shortfall_V : (2,) the command that it last echoed minus its outputs. age_s : of the
+    status; inf before the first. unechoed_s : age of the oldest command that the node has not echoed; 0 when all are
+    echoed.
     """
 
     applied_V: Pair
@@ -134,9 +134,9 @@ class PumpFeedback:
 
 @dataclass(frozen=True, slots=True)
 class NodeHealth:
-    """What the heartbeats say: the age of the older one, whether any node booted anew, and whose DBC they hold.
+    """Heartbeats: the age of the older one, whether a node has rebooted, whether the nodes use our DBC.
 
-    is_lossy : whether counters have shown other frames to be missing of late, so that heartbeats may well be, too.
+    is_lossy : whether frame counters show that frames were lost lately, so that heartbeats may be lost, too.
     """
 
     age_s: float
@@ -149,8 +149,8 @@ class NodeHealth:
 class BusHealth:
     """Counters of the bus since the start: frames accepted, frames rejected, sends failed, and whether it is up.
 
-    refused_run : the longest run of frames of one identifier since the last step that were refused one after the
-    other. errors_per_s : error frames within the last second. last_error : what the bus last complained of.
+    refused_run : the largest number of consecutive refused frames of one identifier since the last step. errors_per_s :
+    error frames within the last second. last_error : text of the last bus error.
     """
 
     accepted: int
@@ -165,14 +165,14 @@ class BusHealth:
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """How late this step began, and how many control periods have been skipped since the start."""
+    """Lateness of this step, and the number of control periods skipped since the start."""
 
     lateness_s: float = 0.0
     skipped: int = 0
 
 
 class Action(StrEnum):
-    """What an operator can ask for."""
+    """Requests of an operator."""
 
     MANUAL = "manual"
     AUTO = "auto"
@@ -183,9 +183,9 @@ class Action(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """An operator's wish.
+    """An operator request.
 
-    voltage_V : for MANUAL; None keeps what the pumps have. interlock, for_s : for BYPASS.
+    voltage_V : (2,) for MANUAL; None keeps the present voltages. interlock, for_s : for BYPASS.
     """
 
     action: Action
@@ -196,7 +196,7 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
-    """All that a control step gets to see besides its own state and the time."""
+    """The inputs of a control step, besides its state and the time."""
 
     measurement: Measurement
     pumps: PumpFeedback
@@ -218,13 +218,13 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """What the diagnosis says of one fault; said again, under the same number, when more is known.
+    """A report of the diagnosis on one fault; later reports on the same fault keep its number.
 
     kind, target : as in a scenario's [[fault]]; `UNRESOLVED`, 0 while several candidates remain.
-    size : in the unit of the scenario's `value` (for `pump_effectiveness`: the effectiveness that is left).
-    size_std : its standard deviation; NaN when not known. onset_s : when the fault is thought to have begun.
-    isolated_s : when kind and target were settled; None before. candidates : "kind target" of all that could be,
-    the likeliest first. is_recovery : the fault is over (a pump that came back, a sensor that can be trusted again).
+    size : in the unit of the scenario's `value` (for `pump_effectiveness`: the remaining effectiveness).
+    size_std : its standard deviation; NaN if unknown. onset_s : estimated onset. isolated_s : when kind and target were
+    determined; None before. candidates : "kind target" of all possible faults, the most likely first. is_recovery : the
+    fault is over (a pump has recovered, a sensor is trusted again).
     """
 
     detected_s: float
@@ -240,21 +240,20 @@ class Alarm:
 
 
 UNRESOLVED = "unresolved"
-"""Kind of an alarm whose candidates can't be told apart yet."""
+"""Kind of an alarm whose fault is not isolated yet."""
 
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """The current verdict.
+    """The current result of the diagnosis.
 
-    effectiveness : (2,) what is left of each pump's gain. new_alarms : what is new at this step.
-    trusted : (4,) which sensors' readings may be used. level_V : (4,) the levels as the diagnosis' own filter has
-    them, good for the sensors that are not trusted; None when it has none. stuck_on : (2,) pumps that deliver whatever
-    they are told. is_diverged : the filter no longer explains the readings by any fault that it knows.
-    unproven : (2,) pumps that may give no water: one that stood still when the other failed and has not been seen to
-    work since, one that is dead if the likeliest suspicion is true, one whose upper tank gets nothing of it.
-    is_blind : a level without a sensor is no longer known from the model either.
-    has_fault : whether anything at all is accommodated.
+    effectiveness : (2,) remaining share of each pump's gain. new_alarms : the alarms of this step.
+    trusted : (4,) sensors whose readings may be used. level_V : (4,) levels of the filter of the diagnosis, to use
+    for sensors that are not trusted; None if it has no filter. stuck_on : (2,) pumps whose flow does not follow the
+    command. is_diverged : no known fault explains the readings any more.
+    unproven : (2,) pumps that may deliver nothing: a pump that was at rest when the other failed and has not been
+    driven since, a pump that is dead if the most likely hypothesis is true, a pump whose upper tank gets no inflow.
+    is_blind : a level has no sensor, and the model can no longer estimate it.
     """
 
     effectiveness: Pair = (1.0, 1.0)
@@ -268,7 +267,7 @@ class Diagnosis:
 
     @property
     def has_fault(self) -> bool:
-        """Whether a pump or a sensor is not what it should be."""
+        """Whether a pump or a sensor has a fault."""
         return self.effectiveness != (1.0, 1.0) or not all(self.trusted) or any(self.stuck_on)
 
 
@@ -283,12 +282,12 @@ class TickRecord:
     mode: Mode
     measured_V: Quad
     estimated_V: Quad
-    reference_V: Pair  # asked for
-    target_V: Pair  # in force: the nearest that the pumps can reach
+    reference_V: Pair  # requested
+    target_V: Pair  # in force: the nearest to it that the pumps can reach
     operating_V: Pair  # pump voltages that hold the target, nominal pumps
-    raw_V: Pair  # what the control law asked for
-    command_V: Pair  # what the supervisor let pass
-    applied_V: Pair  # what the pump node says it applies
+    raw_V: Pair  # output of the control law
+    command_V: Pair  # what the supervisor allowed
+    applied_V: Pair  # what the pump node reports
     effectiveness: Pair
     integral_Vs: Pair
     gain: tuple[float, ...]  # (12,): K by rows, in force on the pumps (effectiveness included)

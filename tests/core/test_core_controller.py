@@ -370,10 +370,10 @@ def test_after_a_stall_integrals_and_estimate_move_by_a_few_periods_at_most() ->
     blind = replace(seen, measurement=measurement(volts(REST), readings=0))
     after, output = controller.step(config, state, blind, gap_ns)
     moved = np.array(after.loop.integral_Vs) - np.array(state.loop.integral_Vs)
-    assert np.abs(moved).max() < closed_loop.LONGEST_PERIODS * PERIOD_S * 2.0
+    assert np.abs(moved).max() < closed_loop.MAX_PREDICTED_PERIODS * PERIOD_S * 2.0
     longest = Plant()
     longest.level_cm = state.loop.estimate.level_cm
-    for _ in range(int(closed_loop.LONGEST_PERIODS)):
+    for _ in range(int(closed_loop.MAX_PREDICTED_PERIODS)):
         longest.advance((0.0, 0.0), PERIOD_S)
     assert after.loop.estimate.level_cm == pytest.approx(longest.level_cm, abs=1e-3)
     assert output.record.t_s == pytest.approx((gap_ns - state.loop.started_ns) / SECOND)

@@ -8,14 +8,14 @@ from hypothesis import strategies as st
 from hil.core import state_feedback
 from hil.core.design import Gains
 from hil.core.eigenstructure import assign, augment
-from hil.core.reconfiguration import LEAST_EFFECTIVENESS, LOWEST_LINEARISED_CM, ControlLaw
+from hil.core.reconfiguration import MIN_EFFECTIVENESS, MIN_LINEARISED_CM, ControlLaw
 from hil.core.tanks import equilibrium, linearise
 from hil.core.types import Pair
 from tests.core.core_bench import BENCH, CALIBRATED, PERIOD_S, Plant, at, reconfiguration, rig_design
 
 RIG = reconfiguration()
 PAPER = reconfiguration(CALIBRATED)
-SOUND = (1.0, 1.0)
+HEALTHY = (1.0, 1.0)
 HALF = st.floats(0.1, 1.0)
 LEVEL = st.floats(0.0, 20.0)
 CHARGE = st.floats(-50.0, 50.0)
@@ -50,7 +50,7 @@ def test_pumps_are_asked_for_the_effective_voltage_over_what_is_left_of_them() -
 
 
 def test_at_the_operating_point_the_law_asks_for_the_holding_voltages() -> None:
-    law = RIG.law(reference_at((2.5, 4.0)), SOUND)
+    law = RIG.law(reference_at((2.5, 4.0)), HEALTHY)
     assert law.operating_V == pytest.approx((2.5, 4.0), abs=1e-9)
     assert law.operating_level_cm == pytest.approx(equilibrium(BENCH, (2.5, 4.0)), abs=1e-9)
     assert state_feedback.effective_voltage(law, (0.0, 0.0), law.operating_level_cm) == law.operating_V
@@ -76,7 +76,7 @@ def test_dividing_by_theta_is_assignment_on_the_faulty_model(e1: float, e2: floa
 def test_a_change_of_law_does_not_change_the_effective_voltage(
     level_cm, q1: float, q2: float, effectiveness, v: float
 ) -> None:
-    old = RIG.law(reference_at(), SOUND)
+    old = RIG.law(reference_at(), HEALTHY)
     new = RIG.law(reference_at((v, 3.3)), effectiveness)
     before = state_feedback.effective_voltage(old, (q1, q2), level_cm)
     integral = state_feedback.bumpless_integral(new, level_cm, before)
@@ -85,7 +85,7 @@ def test_a_change_of_law_does_not_change_the_effective_voltage(
 
 
 def test_bumpless_integral_undoes_the_effective_voltage() -> None:
-    law = RIG.law(reference_at(), SOUND)
+    law = RIG.law(reference_at(), HEALTHY)
     level_cm = (11.0, 13.0, 1.5, 1.2)
     effective = state_feedback.effective_voltage(law, (1.5, -2.5), level_cm)
     assert state_feedback.bumpless_integral(law, level_cm, effective) == pytest.approx((1.5, -2.5))
@@ -136,7 +136,7 @@ class SaturatedRun:
 
 def saturate(run: SaturatedRun, far_V: float) -> state_feedback.ControlLaw:
     """Four minutes of a reference that LIMITS_V can't hold; the law then in force."""
-    law = RIG.law(reference_at((far_V, far_V)), SOUND)
+    law = RIG.law(reference_at((far_V, far_V)), HEALTHY)
     for _ in range(2400):
         run.step(law)
     return law
@@ -144,7 +144,7 @@ def saturate(run: SaturatedRun, far_V: float) -> state_feedback.ControlLaw:
 
 def come_back(run: SaturatedRun, law: state_feedback.ControlLaw) -> tuple[float | None, float]:
     """Five minutes of a reference within reach: when the pumps left their limits, and the worst error past it."""
-    back = RIG.law(reference_at(), SOUND)
+    back = RIG.law(reference_at(), HEALTHY)
     run.change(law, back)
     sign = 1.0 if run.error[0] > 0.0 else -1.0
     left_s, overshoot = None, 0.0
@@ -199,10 +199,10 @@ def test_with_60_percent_lost_the_bench_still_reaches_its_reference() -> None:
     assert state_feedback.pump_voltage(law, law.operating_V) == pytest.approx((7.5, 7.5), abs=1e-6)
 
 
-@pytest.mark.parametrize("effectiveness", [0.0, 0.01, LEAST_EFFECTIVENESS / 2.0])
+@pytest.mark.parametrize("effectiveness", [0.0, 0.01, MIN_EFFECTIVENESS / 2.0])
 def test_a_dead_pump_is_not_asked_for_infinitely_much(effectiveness: float) -> None:
     law = RIG.law(reference_at(), (effectiveness, 1.0))
-    assert law.effectiveness == (LEAST_EFFECTIVENESS, 1.0)
+    assert law.effectiveness == (MIN_EFFECTIVENESS, 1.0)
     assert law.operating_V[0] == pytest.approx(effectiveness * 10.0)
     assert np.isfinite(state_feedback.pump_voltage(law, law.operating_V)).all()
 
@@ -222,10 +222,10 @@ def test_rig_law_is_designed_at_the_reference() -> None:
 
 
 def test_empty_tanks_still_have_a_law() -> None:
-    law = RIG.law((0.0, 0.0), SOUND)
+    law = RIG.law((0.0, 0.0), HEALTHY)
     assert law.operating_V == (0.0, 0.0)
     assert law.operating_level_cm == (0.0, 0.0, 0.0, 0.0)
-    lowest = linearise(BENCH, (LOWEST_LINEARISED_CM,) * 4)
+    lowest = linearise(BENCH, (MIN_LINEARISED_CM,) * 4)
     assert law.gains == rig_design().gains(lowest)
 
 

@@ -15,7 +15,7 @@ from hil.core.controller import ControllerConfig
 from hil.core.design import choose_rig_design
 from hil.core.diagnosis.ideal import NoDetector
 from hil.core.estimator import LevelFilter
-from hil.core.interlocks import SOUND, Belief, Limits
+from hil.core.interlocks import NO_FAULT, Belief, Limits
 from hil.core.reconfiguration import Reconfiguration
 from hil.core.tanks import TankModel, equilibrium, linearise
 from hil.core.types import (
@@ -170,7 +170,7 @@ VERDICTS: tuple[tuple[str, TripCause, Diagnosis], ...] = (
 """Name, the cause that it trips with, and what the diagnosis says."""
 
 
-def believing(diagnosis: Diagnosis = SOUND, **changes) -> Belief:
+def believing(diagnosis: Diagnosis = NO_FAULT, **changes) -> Belief:
     """What a loop that accommodates faults would hand on."""
     return Belief(diagnosis, REST_CM, (3.0, 3.0), accommodates=True, **changes)
 

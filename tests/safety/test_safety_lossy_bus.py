@@ -3,7 +3,7 @@
 import pytest
 
 from hil.core import supervisor
-from hil.core.interlocks import LOSSY_PATIENCE
+from hil.core.interlocks import LOSSY_AGE_FACTOR
 from hil.core.supervisor import Supervision
 from hil.core.types import Mode, TripCause
 from hil.wire.command_sender import CommandSender
@@ -16,7 +16,7 @@ from tests.safety.safety_bench import CONTRACT, HEALTHY, LIMITS, MS, PERIOD_NS, 
     [(False, 0.25, False), (False, 0.2501, True), (True, 0.2501, False), (True, 0.75, False), (True, 0.7501, True)],
 )
 def test_a_heartbeat_may_be_three_times_as_old_on_a_lossy_bus(is_lossy: bool, age_s: float, trips: bool) -> None:
-    assert LIMITS.heartbeat_age_max_s * LOSSY_PATIENCE == pytest.approx(0.75)
+    assert LIMITS.heartbeat_age_max_s * LOSSY_AGE_FACTOR == pytest.approx(0.75)
     inputs = but(HEALTHY, "nodes", age_s=age_s, is_lossy=is_lossy)
     state, _ = supervisor.next_mode(LIMITS, Supervision(mode=Mode.RUNNING), inputs, 0)
     assert (state.mode is Mode.TRIPPED, state.cause is TripCause.NODE_LOST) == (trips, trips)

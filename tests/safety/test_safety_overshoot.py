@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from hil.core.overshoot import LEAST_SHARE, Outlets, drained_peak, peak_levels, watch
+from hil.core.overshoot import MIN_SHARE, Outlets, drained_peak, peak_levels, watch
 from hil.core.tanks import TankModel, equilibrium, level_rates
 from hil.core.types import Pair, Quad
 from tests.safety.safety_bench import BENCH
@@ -67,7 +67,7 @@ def test_with_lag_it_is_an_upper_bound_by_no_more_than_the_water_on_its_way(
 
 
 @settings(max_examples=15, deadline=None)
-@given(LEVELS, st.tuples(st.floats(LEAST_SHARE, 1.0), st.floats(LEAST_SHARE, 1.0)))
+@given(LEVELS, st.tuples(st.floats(MIN_SHARE, 1.0), st.floats(MIN_SHARE, 1.0)))
 def test_outlets_that_are_partly_blocked_let_less_go(level_cm, shares) -> None:
     found = peak_levels(BENCH, 0.0, level_cm, (0.0, 0.0), shares)
     assert found == pytest.approx(coasting(BENCH, level_cm, outlets=shares), abs=0.01)
@@ -130,7 +130,7 @@ def test_with_a_model_that_is_5_percent_wrong_a_clean_outlet_looks_clean() -> No
 def test_the_open_share_is_never_more_than_a_clean_outlet_nor_nothing() -> None:
     assert Outlets((1.3, 0.7)).open_share == (1.0, 0.7)
     assert Outlets((0.7, 1.3)).open_share == (0.7, 1.0)
-    assert Outlets((-0.2, 0.0)).open_share == (LEAST_SHARE, LEAST_SHARE)
+    assert Outlets((-0.2, 0.0)).open_share == (MIN_SHARE, MIN_SHARE)
     assert Outlets().open_share == (1.0, 1.0)
 
 

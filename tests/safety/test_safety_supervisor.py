@@ -17,7 +17,7 @@ CONTROLLING = (Mode.RUNNING, Mode.DEGRADED)
 TRIPPING = (*CONTROLLING, Mode.STOPPING)
 WAITING = (Mode.DISARMED, Mode.READY)
 NOW_NS = 5_000_000_000
-SOUND = Belief(accommodates=True)
+NO_FAULT = Belief(accommodates=True)
 FAULTY = Belief(Diagnosis((0.4, 1.0)), accommodates=True)
 FAULT_IDS = [name for name, _, _ in FAULTS]
 ONE_FAULT = pytest.mark.parametrize("fault", [fault for _, _, fault in FAULTS], ids=FAULT_IDS)
@@ -32,7 +32,7 @@ def step(
     mode: Mode, inputs: Inputs, *, is_degraded: bool = False, wanted_V: Pair = (5.0, 5.0)
 ) -> tuple[supervisor.Supervision, Command, list[str]]:
     """One step of the supervisor: the mode after it, the cause, the command, the codes of its events."""
-    state, events = supervisor.next_mode(LIMITS, supervision(mode), inputs, NOW_NS, FAULTY if is_degraded else SOUND)
+    state, events = supervisor.next_mode(LIMITS, supervision(mode), inputs, NOW_NS, FAULTY if is_degraded else NO_FAULT)
     state, command = supervisor.safe_command(LIMITS, state, wanted_V, 0.1)
     return state, command, [event.code for event in events]
 
@@ -77,7 +77,7 @@ def test_a_trip_keeps_its_first_cause_whatever_comes_after(fault) -> None:
 def test_a_trip_is_for_ever(inputs: Inputs, stop: bool, is_degraded: bool) -> None:
     state = supervision(Mode.TRIPPED)
     for _ in range(100):
-        belief = FAULTY if is_degraded else SOUND
+        belief = FAULTY if is_degraded else NO_FAULT
         state, events = supervisor.next_mode(LIMITS, state, replace(inputs, stop_requested=stop), NOW_NS, belief)
         state, command = supervisor.safe_command(LIMITS, state, (5.0, 5.0), 0.1)
         assert command == OFF
@@ -323,7 +323,7 @@ def test_invariants_over_any_history(history, wishes) -> None:
         for _, _, fault in faults:
             inputs = fault(inputs)
         before = state
-        state, _ = supervisor.next_mode(LIMITS, state, inputs, NOW_NS, FAULTY if degraded else SOUND)
+        state, _ = supervisor.next_mode(LIMITS, state, inputs, NOW_NS, FAULTY if degraded else NO_FAULT)
         state, command = supervisor.safe_command(LIMITS, state, (wish, -wish), 0.1)
         if faults:
             assert command == OFF

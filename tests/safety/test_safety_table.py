@@ -137,7 +137,7 @@ def test_every_mode_times_every_event(before: Mode, name: str) -> None:
         assert (state.cause is not None) == (expected is Mode.TRIPPED)
     assert codes.count("mode") == (expected not in (before, Mode.TRIPPED))
     refusals = [e.data["action"] for e in events if e.code == "refused"]
-    unheeded = [r.action.value for r in inputs.requests if r.action not in supervisor.HEEDED[before]]
+    unheeded = [r.action.value for r in inputs.requests if r.action not in supervisor.ALLOWED_ACTIONS[before]]
     stays_tripped = before is expected is Mode.TRIPPED and CLEAR in inputs.requests
     assert refusals == unheeded + ["clear"] * stays_tripped
 
