@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from math import inf
 from typing import Any, Literal, Protocol
 
 from hil.core import controller, supervisor
@@ -29,6 +30,11 @@ class Port(Protocol):
     send_failures: int
     is_up: bool
     last_error: str
+
+    @property
+    def lines_rejected(self) -> str:
+        """What an adapter has refused, and what was rejected of its lines, in words; "" for nothing."""
+        ...
 
     def send(self, frame_id: int, data: bytes, timestamp_s: float) -> bool:
         """Send a frame now or not at all; whether it went out."""
@@ -152,7 +158,7 @@ class ControlLoop:
             measurement=receiver.measurement(now_ns),
             pumps=receiver.pumps(now_ns),
             nodes=receiver.nodes(now_ns),
-            bus=receiver.bus(now_ns, port.send_failures, port.is_up, port.last_error),
+            bus=receiver.bus(now_ns, port.send_failures, port.is_up, port.last_error, port.lines_rejected),
             timing=timing,
             stop_requested=stop_requested,
         )
@@ -204,9 +210,8 @@ class ControlLoop:
             return
         if self._ending_since_ns is None:
             self._ending_since_ns = now_ns
-        is_confirmed = supervisor.is_at_rest(inputs) and inputs.pumps.unechoed_s == 0.0
-        if is_confirmed or (now_ns - self._ending_since_ns) * 1e-9 > REST_TIMEOUT_S:
-            unconfirmed = "" if is_confirmed else "; the pump node has not confirmed 0 V"
+        unconfirmed = _unconfirmed(inputs, self._config.limits.status_age_max_s)
+        if not unconfirmed or (now_ns - self._ending_since_ns) * 1e-9 > REST_TIMEOUT_S:
             cause, stopped_by = self._state.supervision.cause, stop_reason or self._state.supervision.stopped_by
             if cause is not None:
                 self._finish("tripped", cause.value + unconfirmed)
@@ -223,9 +228,34 @@ class ControlLoop:
             self._finish("complete", "duration over")
         elif (now_ns - self._waiting_since_ns) * 1e-9 > self._arm_timeout_s:
             blocker = supervisor.not_ready(self._config.limits, inputs)
+            rejected = inputs.bus.rejection_summary
+            if rejected and rejected not in blocker:
+                blocker += f"; {rejected}"
             text = f"not ready within {self._arm_timeout_s:g} s: {blocker}"
             self._recorder.event(self._t_s, Event(Severity.ERROR, "not_ready", text))
             self._finish("failed", text)
 
     def _finish(self, status: Status, reason: str) -> None:
         self.outcome = Outcome(status, reason, self._t_s, self._sender.sent, self._sender.lost, self._receiver.lost)
+
+
+def _unconfirmed(inputs: Inputs, status_age_max_s: float) -> str:
+    """What is missing for the pumps to be known off, to be put behind a reason; "" when nothing is.
+
+    Two separate facts: what the node's newest status reports, and whether the last command was echoed.
+    """
+    pumps = inputs.pumps
+    is_at_rest, is_echoed = supervisor.is_at_rest(inputs), pumps.unechoed_s == 0.0
+    if is_at_rest and is_echoed:
+        return ""
+    if pumps.age_s > status_age_max_s:
+        is_known = pumps.age_s < inf
+        text = f"its last status is {pumps.age_s:.2g} s old" if is_known else "no status was received"
+        text = f"; the pump node has not confirmed 0 V: {text}"
+    elif is_at_rest:
+        return "; the pump node reports 0 V, but the last command was not echoed"
+    else:
+        first_V, second_V = pumps.applied_V
+        state = pumps.state.name.lower()
+        text = f"; the pump node has not confirmed 0 V: it reports {first_V:.3g} and {second_V:.3g} V in state {state}"
+    return text if is_echoed else f"{text}; the last command was not echoed"

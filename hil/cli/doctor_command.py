@@ -13,7 +13,7 @@ from rich.console import Console
 from hil.bench import assembly
 from hil.cli import result_table
 from hil.doctor.check_host import HostFacts, check_host
-from hil.doctor.check_link import LinkState, check_link
+from hil.doctor.check_link import LinkState, check_lines, check_link
 from hil.doctor.examination import Expectations, examine
 from hil.edge.can.bus import BusAddress, BusError, BusPort
 from hil.edge.config.rig_file import Rig, load_rig
@@ -91,7 +91,9 @@ def examined(address: BusAddress, contract: Contract, wants: Expectations, optio
         probe = Probe(contract, port, MonotonicClock(), lambda: stop.received.name if stop.received else "")
         with probe:
             results = examine(probe, wants, options.seconds, with_pumps=options.with_pumps)
-    return [passed("bus opens", f"{address.interface} {address.channel} at {address.bitrate} bit/s"), *results]
+        lines = check_lines(port.line_counts)
+    opens = passed("bus opens", f"{address.interface} {address.channel} at {address.bitrate} bit/s")
+    return [opens, lines, *results]
 
 
 def expectations(rig: Rig) -> Expectations:

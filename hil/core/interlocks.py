@@ -101,7 +101,10 @@ class Reaction(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Interlock:
-    """A row of the table. detail : numbers for the text, or ""."""
+    """A row of the table. detail : numbers for the text, or "".
+
+    shows_rejections : whether frames or lines that were rejected may be the reason, so that the text names them.
+    """
 
     cause: TripCause
     is_active: Callable[[Limits, Situation], bool]
@@ -109,11 +112,14 @@ class Interlock:
     reaction: Reaction = Reaction.TRIP
     may_bypass: bool = False
     detail: Callable[[Situation], str] | None = None
+    shows_rejections: bool = False
 
     def describe(self, situation: Situation) -> str:
         """The text, with its numbers."""
         detail = self.detail(situation) if self.detail is not None else ""
-        return f"{self.text}: {detail}" if detail else self.text
+        text = f"{self.text}: {detail}" if detail else self.text
+        rejected = situation.inputs.bus.rejection_summary if self.shows_rejections else ""
+        return f"{text}; {rejected}" if rejected else text
 
 
 def levels_cm(limits: Limits, inputs: Inputs, belief: Belief) -> Quad:
@@ -174,6 +180,7 @@ INTERLOCKS: tuple[Interlock, ...] = (
         lambda _, s: not s.inputs.bus.is_up,
         "the CAN bus is gone",
         detail=lambda s: s.inputs.bus.last_error,
+        shows_rejections=True,
     ),
     Interlock(
         TripCause.FOREIGN_COMMAND,
@@ -184,6 +191,7 @@ INTERLOCKS: tuple[Interlock, ...] = (
         TripCause.NODE_TRIPPED,
         lambda _, s: s.inputs.pumps.state is NodeState.TRIPPED,
         "the pump node has tripped",
+        shows_rejections=True,
     ),
     Interlock(TripCause.NODE_REBOOTED, lambda _, s: s.inputs.nodes.rebooted, "a node has rebooted"),
     Interlock(
@@ -195,6 +203,7 @@ INTERLOCKS: tuple[Interlock, ...] = (
         TripCause.FRAMES_REFUSED,
         lambda m, s: s.inputs.bus.refused_run >= m.refused_run_max,
         "consecutive frames of one identifier are refused",
+        shows_rejections=True,
     ),
     Interlock(
         TripCause.ERROR_STORM,
@@ -202,16 +211,19 @@ INTERLOCKS: tuple[Interlock, ...] = (
         "too many error frames",
         may_bypass=True,
         detail=lambda s: f"{s.inputs.bus.errors_per_s} within a second",
+        shows_rejections=True,
     ),
     Interlock(
         TripCause.STALE_LEVELS,
         lambda m, s: s.inputs.measurement.age_s > m.levels_age_max_s,
         "levels are too old",
+        shows_rejections=True,
     ),
     Interlock(
         TripCause.STALE_STATUS,
         lambda m, s: s.inputs.pumps.age_s > m.status_age_max_s,
         "the pump node's status is too old",
+        shows_rejections=True,
     ),
     Interlock(
         TripCause.NODE_LOST,
@@ -219,6 +231,7 @@ INTERLOCKS: tuple[Interlock, ...] = (
             s.inputs.nodes.age_s > m.heartbeat_age_max_s * (LOSSY_AGE_FACTOR if s.inputs.nodes.is_lossy else 1.0)
         ),
         "a node's heartbeat is too old",
+        shows_rejections=True,
     ),
     Interlock(
         TripCause.NODE_REBOOTED,
@@ -229,6 +242,7 @@ INTERLOCKS: tuple[Interlock, ...] = (
         TripCause.ECHO_MISSING,
         lambda m, s: s.inputs.pumps.unechoed_s > m.echo_age_max_s,
         "commands are not echoed",
+        shows_rejections=True,
     ),
     Interlock(
         TripCause.ECHO_MISMATCH,

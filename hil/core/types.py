@@ -151,6 +151,7 @@ class BusHealth:
 
     refused_run : the largest number of consecutive refused frames of one identifier since the last step. errors_per_s :
     error frames within the last second. last_error : text of the last bus error.
+    rejection_summary : how many frames and lines were rejected since the start, of which identifier, and why; or "".
     """
 
     accepted: int
@@ -161,6 +162,7 @@ class BusHealth:
     refused_run: int = 0
     errors_per_s: int = 0
     last_error: str = ""
+    rejection_summary: str = ""
 
 
 @dataclass(frozen=True, slots=True)

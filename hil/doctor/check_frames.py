@@ -10,6 +10,7 @@ from statistics import median
 from hil.probe.observation import COMMAND, Observation
 from hil.probe.result import Result, failed, passed, warned
 from hil.wire.frame_check import Rejection
+from hil.wire.rejections import frames_rejected, other_sender, wrong_length
 
 PERIOD_WARN, PERIOD_FAIL = 0.05, 0.20
 """How far the mean period may be off the DBC's, as a share of it."""
@@ -71,22 +72,28 @@ def check_integrity(observation: Observation, name: str) -> Result:
     total = accepted + lost + refused.total()
     if total == 0:
         return failed(check, "no frame", f"is the node on and on this bus? Otherwise {WIRING}")
+    spec, lengths = observation.contract.frames[name], observation.wrong_lengths(name)
     parts = [f"{lost} lost"] if lost else []
-    parts += [f"{count} refused: {why}" for why, count in sorted(refused.items())]
+    for why, count in sorted(refused.items()):
+        detail = f" ({wrong_length(spec.frame_id, lengths, spec.length)})" if why is Rejection.LENGTH else ""
+        parts.append(f"{count} refused: {why}{detail}")
     share = (lost + refused.total()) / total
     found = (
-        f"{total} frames, none lost or refused" if not parts else f"of {total} frames {', '.join(parts)} ({share:.1%})"
+        f"{total} frames, none lost or refused"
+        if not parts
+        else f"of {total} frames of {spec.frame_id:#05x} {', '.join(parts)} ({share:.1%})"
     )
     if not parts:
         return passed(check, found)
-    is_counter = any(why in COUNTERS for why in refused)
-    if share >= LOSS_FAIL:
-        advice = "its counter must rise by one from frame to frame (docs/reference/wire.md)" if is_counter else WIRING
-        return failed(check, found, advice)
-    return warned(check, found, WIRING)
+    advice = WIRING
+    if lengths:
+        advice = other_sender(spec.frame_id, lengths)
+    elif share >= LOSS_FAIL and any(why in COUNTERS for why in refused):
+        advice = "its counter must rise by one from frame to frame (docs/reference/wire.md)"
+    return failed(check, found, advice) if share >= LOSS_FAIL else warned(check, found, advice)
 
 
-def check_strangers(observation: Observation, errors_per_s_max: int) -> list[Result]:
+def check_foreign_traffic(observation: Observation, errors_per_s_max: int) -> list[Result]:
     """Commands that are not ours, and error frames."""
     commands = len(observation.of(COMMAND))
     errors_ns = [refusal.t_ns for refusal in observation.refusals if refusal.why is Rejection.ERROR_FRAME]
@@ -94,6 +101,10 @@ def check_strangers(observation: Observation, errors_per_s_max: int) -> list[Res
     if commands:
         advice = "stop the other controller first; until then nothing is sent from here"
         results.append(failed("commands of others", f"{commands} pump commands from somebody else", advice))
+    elif refused := observation.refused(COMMAND):
+        spec = observation.contract.frames[COMMAND]
+        found = frames_rejected(spec.frame_id, refused, observation.wrong_lengths(COMMAND), spec.length)
+        results.append(warned("commands of others", found, "find out which node sends them, and stop it"))
     else:
         results.append(passed("commands of others", "none"))
     most = max((bisect_right(errors_ns, t_ns + SECOND_NS) - at for at, t_ns in enumerate(errors_ns)), default=0)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Protocol
 
 from hil.probe.result import Result, failed, not_checked, passed, warned
+from hil.wire.rejections import lines_rejected
 
 
 class LinkState(Protocol):
@@ -53,6 +55,23 @@ def check_link(state: LinkState | None, channel: str, bitrate: int, *, is_socket
         _check_bitrate(state, bitrate),
         _check_restart(state),
     ]
+
+
+def check_lines(counts: Mapping[str, int]) -> Result:
+    """What an slcan adapter refused, and what was rejected of its lines. counts : empty for any other bus."""
+    check = "adapter lines"
+    if not counts:
+        return not_checked(check, "not an slcan adapter")
+    found = lines_rejected(counts)
+    if not found:
+        return passed(check, "none rejected, no command refused")
+    if any(name.startswith("rejected_") and number for name, number in counts.items()):
+        advice = (
+            "the adapter sends lines that are not slcan, or its serial line loses bytes: baud rate (-c DEVICE@BAUD), "
+            "firmware, other programs on its port"
+        )
+        return failed(check, found, advice)
+    return warned(check, found, "the adapter could not send: is another node on the bus, at the same bit rate?")
 
 
 def _check_state(state: LinkState, bitrate: int) -> Result:

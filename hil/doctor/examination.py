@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from hil.core.tanks import TankModel
 from hil.core.types import NodeState, Pair
 from hil.doctor import check_echo, check_ramp, check_watchdog
-from hil.doctor.check_frames import check_frames, check_strangers
+from hil.doctor.check_frames import check_foreign_traffic, check_frames
 from hil.doctor.check_nodes import check_nodes, is_free
 from hil.doctor.check_sensors import check_sensors
 from hil.probe.bus_probe import Probe, ProbeError
@@ -39,7 +39,7 @@ def examine(probe: Probe, wants: Expectations, seconds: float, *, with_pumps: bo
     results: list[Result] = []
     try:
         observation = probe.listen(seconds)
-        results += check_strangers(observation, wants.errors_per_s_max)
+        results += check_foreign_traffic(observation, wants.errors_per_s_max)
         results += check_nodes(observation)
         results += check_frames(observation)
         results += check_sensors(observation, wants.sensor_range_V, wants.noise_V)

@@ -29,11 +29,12 @@ class Arrival:
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """One frame that was refused; its name is "" when it is none of ours."""
+    """One frame that was refused; its name is "" when it is none of ours. length : of its data, in bytes."""
 
     name: str
     t_ns: int
     why: Rejection
+    length: int
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,12 @@ class Observation:
         """Refused frames of this name, by cause."""
         return Counter(refusal.why for refusal in self.refusals if refusal.name == name)
 
+    def wrong_lengths(self, name: str) -> Counter[int]:
+        """Refused frames of this name whose length is wrong, by their length in bytes."""
+        return Counter(
+            refusal.length for refusal in self.refusals if refusal.name == name and refusal.why is Rejection.LENGTH
+        )
+
 
 class Listener:
     """Takes frames with their monotonic times of arrival, as `hil.wire.receiver` does, and keeps all of them."""
@@ -83,11 +90,11 @@ class Listener:
         check = self._checks.get(frame.arbitration_id)
         if frame.is_error_frame or check is None:
             why = Rejection.ERROR_FRAME if frame.is_error_frame else Rejection.UNKNOWN_ID
-            self._refusals.append(Refusal("", received_ns, why))
+            self._refusals.append(Refusal("", received_ns, why, len(frame.data)))
             return None
         values = check.admit(frame, received_ns)
         if isinstance(values, Rejection):
-            self._refusals.append(Refusal(check.spec.name, received_ns, values))
+            self._refusals.append(Refusal(check.spec.name, received_ns, values, len(frame.data)))
             return None
         before = self._newest.get(check.spec.name)
         step = (int(values["Counter"]) - int(before.values["Counter"])) % 16 if before is not None else 1

@@ -12,6 +12,7 @@ from hil.core.types import BusHealth, Measurement, NodeHealth, NodeState, Pair, 
 from hil.wire.command_sender import CommandSender
 from hil.wire.contract import Contract, Decoded
 from hil.wire.frame_check import Frame, FrameCheck, Rejection
+from hil.wire.rejections import RejectedFrames
 
 CHANNEL_OK = 0
 UNKNOWN = (nan, nan)
@@ -137,6 +138,7 @@ class Receiver:
         self._lost_before = 0
         self._lossy_until_ns = -1
         self.rejections: Counter[Rejection] = Counter()
+        self._rejected_frames = RejectedFrames(contract)
         self.accepted = 0
         self.foreign_commands = 0
 
@@ -147,6 +149,7 @@ class Receiver:
             self.accepted += 1
         else:
             self.rejections[rejection] += 1
+            self._rejected_frames.add(frame, rejection)
         return rejection
 
     @property
@@ -227,20 +230,26 @@ class Receiver:
             now_ns <= self._lossy_until_ns,
         )
 
-    def bus(self, now_ns: int, send_failures: int, is_up: bool, last_error: str = "") -> BusHealth:
-        """Counters so far, and what was bad since the last call."""
+    def bus(
+        self, now_ns: int, send_failures: int, is_up: bool, last_error: str = "", lines_rejected: str = ""
+    ) -> BusHealth:
+        """Counters so far, and what was bad since the last call. lines_rejected : see `rejections.lines_rejected`."""
         worst_run, self._worst_run = self._worst_run, 0
         while self._errors_ns and now_ns - self._errors_ns[0] > SECOND_NS:
             self._errors_ns.popleft()
+        summary = self._rejected_frames.summary()
         return BusHealth(
-            self.accepted,
-            self.rejections.total(),
-            send_failures,
-            self.foreign_commands,
-            is_up,
-            worst_run,
-            len(self._errors_ns),
-            last_error,
+            accepted=self.accepted,
+            rejected=self.rejections.total(),
+            send_failures=send_failures,
+            foreign_commands=self.foreign_commands,
+            is_up=is_up,
+            refused_run=worst_run,
+            errors_per_s=len(self._errors_ns),
+            last_error=last_error,
+            rejection_summary=f"{lines_rejected}; {summary}"
+            if lines_rejected and summary
+            else lines_rejected or summary,
         )
 
 

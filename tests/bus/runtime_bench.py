@@ -48,7 +48,7 @@ class RigPort:
         self.inbox = []
         self.send_failures = 0
         self.is_up = True
-        self.last_error = ""
+        self.last_error = self.lines_rejected = ""
         self.start_ns = clock.now
 
     def _watch(self, change: Change) -> None:

@@ -98,7 +98,9 @@ def test_a_bus_that_goes_down_trips_in_the_next_step_and_the_loop_does_not_spin(
 
     outcome = run.run(drop_the_bus)
     assert outcome.status == "tripped"
-    assert outcome.reason == "bus_failed; the pump node has not confirmed 0 V"
+    assert outcome.reason == (
+        "bus_failed; the pump node has not confirmed 0 V: its last status is 1.2 s old; the last command was not echoed"
+    )
     enabled = [number for number, (_, command) in enumerate(run.port.sent) if command.enable]
     assert len(run.port.sent) - 1 - enabled[-1] <= 13, "one second of tries, then the end"
     last = run.port.sent[-1][1]

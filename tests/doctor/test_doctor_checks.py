@@ -1,9 +1,13 @@
 """Every check of the bench: passed by a sound one, and found out by a fault of the emulator. No pump moves."""
 
 import pytest
+from can import Message
 
 from firmware_sim.faults.base import FaultTable
+from firmware_sim.frames import Frame as NodeFrame
 from firmware_sim.frames import NodeState
+from firmware_sim.rig import Rig
+from hil.doctor.check_link import check_lines
 from hil.doctor.examination import examine
 from hil.probe.bus_probe import InterruptedByUserError
 from hil.probe.result import Verdict
@@ -86,6 +90,64 @@ WRONG = [
 
 def name_of(case) -> str:
     return f"{case.kind} {case.target}" if hasattr(case, "kind") else str(case)
+
+
+def with_foreign_frames(rate_per_s: int, can_id: int, data: bytes) -> type[Rig]:
+    """A class of rigs beside which somebody sends the same frame so many times a second, behind frames of the rig."""
+
+    class Foreign(Rig):
+        foreign_ns = 0
+
+        def advance(self, to_ns: int) -> list[Message]:
+            frames = super().advance(to_ns)
+            while self.foreign_ns <= to_ns:
+                frames.append(NodeFrame(self.foreign_ns * 1e-9, can_id, is_extended_id=False, data=data))
+                self.foreign_ns += round(1e9 / rate_per_s)
+            return frames
+
+    return Foreign
+
+
+@pytest.mark.parametrize("rate_per_s", [10, 1000])
+@pytest.mark.parametrize(("can_id", "name"), [(0x701, "PumpHeartbeat"), (0x702, "LevelHeartbeat")])
+def test_foreign_heartbeats_are_named_by_identifier_cause_and_what_to_do(
+    can_id: int, name: str, rate_per_s: int
+) -> None:
+    """The doctor used to advise to look at cable and termination; CAN itself protects the length of a frame."""
+    results = examined(LockstepBench(rig=with_foreign_frames(rate_per_s, can_id, b"\x05")))
+    result = results[f"{name} integrity"]
+    assert result.verdict is FAIL
+    assert f" frames of {can_id:#05x} " in result.found
+    assert "refused: length (1 byte instead of 8, like a CANopen heartbeat)" in result.found
+    assert result.advice == (
+        f"another node on the bus uses the identifier {can_id:#05x}: "
+        f"give it another CANopen node id than {can_id - 0x700}, or take it off this bus"
+    )
+    assert results[f"{name} period"].verdict is PASS
+
+
+def test_frames_of_a_foreign_node_under_the_command_s_identifier_are_named() -> None:
+    """They move nothing, and used not to be shown at all."""
+    result = examined(LockstepBench(rig=with_foreign_frames(10, 0x201, b"\x01\x02")))["commands of others"]
+    assert result.verdict is WARN
+    assert result.found.startswith("frames of 0x201 rejected: ")
+    assert "length (2 bytes instead of 6); another node on the bus uses the identifier 0x201" in result.found
+
+
+@pytest.mark.parametrize(
+    ("counts", "verdict", "found"),
+    [
+        ({}, NOT_CHECKED, "not an slcan adapter"),
+        ({"refused": 0, "dropped": 0}, PASS, "none rejected, no command refused"),
+        ({"refused": 3, "dropped": 0}, WARN, "3 commands refused by the adapter"),
+        ({"refused": 0, "dropped": 0, "rejected_payload": 1668}, FAIL, "1,668 lines rejected: 1,668 payload"),
+    ],
+)
+def test_lines_that_an_adapter_spoils_are_shown(counts: dict[str, int], verdict: Verdict, found: str) -> None:
+    """They used to be shown by a run's last event only; the doctor blamed cable and termination."""
+    result = check_lines(counts)
+    assert (result.verdict, result.found) == (verdict, found)
+    assert bool(result.advice) == (verdict in (WARN, FAIL))
 
 
 @pytest.mark.parametrize(("what", "check", "verdict"), WRONG, ids=name_of)

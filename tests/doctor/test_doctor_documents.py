@@ -18,7 +18,7 @@ from hil.conformance import suite
 from hil.core.interlocks import INTERLOCKS
 from hil.core.types import TripCause
 from hil.doctor import check_echo, check_frames, check_host, check_ramp, check_sensors, check_watchdog
-from hil.doctor.check_link import check_link
+from hil.doctor.check_link import check_lines, check_link
 from hil.wire.frame_check import LARGEST_COUNTER_STEP, FrameCheck, Rejection
 from tests.doctor.doctor_bench import contract, examined
 
@@ -244,7 +244,7 @@ def test_every_check_of_the_doctor_is_explained_once() -> None:
 
     explained = [name for row in rows_of("how-to/operating.md", "check") for name in re.findall(r"`([^`]+)`", row[0])]
     made = set(examined(LockstepBench(), with_pumps=True)) | {result.check for result in check_host.check_host(GOOD)}
-    made |= {result.check for result in check_link(None, "can0", 500_000, is_socketcan=False)}
+    made |= {result.check for result in check_link(None, "can0", 500_000, is_socketcan=False)} | {check_lines({}).check}
     assert len(explained) == len(set(explained))
     assert set(explained) == made | {"bus opens", "pumps", "examination"}
 

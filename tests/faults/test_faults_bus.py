@@ -106,6 +106,75 @@ def test_case_21_bus_off() -> None:
     assert cleared.outcome.status == "complete", "on purpose it is"
 
 
+class WithForeignHeartbeats(can.BusABC):
+    """Our end of the bus, on which somebody sends heartbeats of one byte: so many before each step's frames."""
+
+    def __init__(self, bus: can.BusABC, count: int, can_id: int) -> None:
+        super().__init__(channel="foreign")
+        self._inner, self.count, self._id, self._left = bus, count, can_id, count
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        self._inner.send(msg, timeout)
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        if self._left:
+            self._left -= 1
+            return can.Message(arbitration_id=self._id, is_extended_id=False, data=b"\x05")
+        message = self._inner.recv(timeout)
+        if message is None:
+            self._left = self.count
+        return message
+
+    def shutdown(self) -> None:
+        super().shutdown()
+
+
+FOREIGN_HEARTBEAT = (
+    "another node on the bus uses the identifier {0:#05x}: give it another CANopen node id than {1}, or take it off "
+    "this bus"
+)
+
+
+@pytest.mark.parametrize("can_id", [0x701, 0x702])
+def test_foreign_heartbeats_at_10_hz_change_nothing(can_id: int) -> None:
+    run = play(story(), wrap=lambda bus: WithForeignHeartbeats(bus, 1, can_id))
+    assert_no_trip(run)
+    assert run.ticks[-1].rejected >= 0.9 * len(run.ticks)
+
+
+@pytest.mark.parametrize("can_id", [0x701, 0x702])
+def test_a_flood_of_foreign_heartbeats_is_named_by_identifier_cause_and_what_to_do(can_id: int) -> None:
+    """The trip used to say that frames are refused one after the other, neither which nor why."""
+    run = play(story(rig={"safety": {"arm_timeout_s": 2.0}}), wrap=lambda bus: WithForeignHeartbeats(bus, 100, can_id))
+    assert run.outcome.status == "failed"
+    assert run.outcome.reason.startswith(
+        f"not ready within 2 s: consecutive frames of one identifier are refused; frames of {can_id:#05x} rejected: "
+    )
+    assert run.outcome.reason.endswith(
+        " length (1 byte instead of 8, like a CANopen heartbeat); " + FOREIGN_HEARTBEAT.format(can_id, can_id - 0x700)
+    )
+
+
+def test_a_flood_of_foreign_heartbeats_in_a_run_trips_with_the_same_words() -> None:
+    bus: WithForeignHeartbeats | None = None
+
+    def wrap(ours: can.BusABC) -> can.BusABC:
+        nonlocal bus
+        bus = WithForeignHeartbeats(ours, 0, 0x701)
+        return bus
+
+    def on_step(t_s: float) -> None:
+        assert bus is not None
+        bus.count = 100 if t_s >= AT_S else 0
+
+    run = play(story(), wrap=wrap, on_step=on_step)
+    assert_tripped(run, AT_S, 2 * T_S, "frames_refused")
+    text = next(event.text for _, event in run.events if event.code == "trip")
+    assert "frames of 0x701 rejected: " in text
+    assert "1 byte instead of 8, like a CANopen heartbeat" in text
+    assert FOREIGN_HEARTBEAT.format(0x701, 1) in text
+
+
 class Failing(can.BusABC):
     """Our end of the bus, whose sends or receives fail from the `count`-th send on."""
 
@@ -128,6 +197,7 @@ class Failing(can.BusABC):
         super().shutdown()
 
 
+NOT_ECHOED = "the pump node reports 0 V, but the last command was not echoed"
 SENDS = 53
 DOWN = OSError(errno.ENETDOWN, "Network is down")
 FULL = can.CanOperationError("Transmit buffer full", errno.ENOBUFS)
@@ -240,6 +310,7 @@ def test_case_27_every_send_refused(from_s: float) -> None:
     run = play(story(fault("frame_loss", from_s, "PumpCommand", 1.0)))
     assert_tripped(run, from_s, 5 * T_S, "echo_missing", "node_tripped")
     assert run.node_off_s(from_s) <= from_s + W_S
+    assert run.outcome.reason == f"{run.cause}; {NOT_ECHOED}", "two facts, and the first is true"
 
 
 def test_case_27_every_send_refused_from_the_start() -> None:
@@ -252,5 +323,6 @@ def test_case_27_every_send_refused_from_the_start() -> None:
 
     run = play(story(rig={"safety": {"arm_timeout_s": 2.0}}), wrap=lambda bus: Deaf(bus, 1, refused, receives=False))
     assert run.cause == "echo_missing", run.told
+    assert run.outcome.reason == f"echo_missing; {NOT_ECHOED}"
     assert run.trip_s <= 5 * T_S + TIME_TOLERANCE_S
     assert all(change.applied_V == OFF for change in run.keeper.changes if change.node == "pump")

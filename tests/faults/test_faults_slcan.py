@@ -4,6 +4,8 @@ Where a case is the same on any bus, it is the very test of that case that is ru
 real time, for cases 24, 28 and 47 to 50, are in tests/live; adapters that answer oddly at the start, in tests/bus.
 """
 
+import re
+
 import pytest
 import test_faults_bus as of_bus
 import test_faults_frames as of_frames
@@ -303,6 +305,31 @@ def test_case_27_every_send_refused(line: str) -> None:
     assert_tripped(run, AT_S, 5 * T_S, "echo_missing", "node_tripped")
     assert run.node_off_s(AT_S) <= AT_S + W_S
     assert counts(line)["refused"] > 3
+    assert run.outcome.reason == f"{run.cause}; {of_bus.NOT_ECHOED}"
+    trip = next(event.text for _, event in run.events if event.code == "trip")
+    assert trip.endswith(" commands refused by the adapter"), trip
+
+
+@pytest.mark.parametrize("from_s", [-2.0, AT_S])
+def test_lines_that_are_rejected_are_named_when_the_rig_is_not_ready_and_when_it_trips(line, from_s):
+    """That 1,668 lines were rejected used to be said only at the end of a run; the text blamed old levels alone."""
+
+    def garble(text):
+        return text[:-3] + b"\r" if text.startswith(b"t18") else text
+
+    run = line.play(
+        story(rig={"safety": {"arm_timeout_s": 2.0}}),
+        on_step=line.at(from_s, lambda far: setattr(far, "garble", garble)),
+    )
+    rejected = counts(line)["rejected_payload"]
+    if from_s < 0.0:
+        assert run.outcome.status == "failed"
+        text = run.outcome.reason
+        assert text == f"not ready within 2 s: levels are too old; {rejected:,} lines rejected: {rejected:,} payload"
+        return
+    assert_tripped(run, AT_S, RX_S + T_S, "stale_levels", "stale_status")
+    text = next(event.text for _, event in run.events if event.code == "trip")
+    assert re.search(r"; [\d,]+ lines rejected: [\d,]+ payload$", text), text
 
 
 def test_case_27_every_send_refused_from_the_start(line: str) -> None:

@@ -205,7 +205,7 @@ class RecordingPort:
     """Keeps what the loop sends, read back by the emulator's own parser."""
 
     def __init__(self) -> None:
-        self.send_failures, self.is_up, self.last_error = 0, True, ""
+        self.send_failures, self.is_up, self.last_error, self.lines_rejected = 0, True, "", ""
         self.sent: list[SentCommand] = []
 
     def send(self, frame_id: int, data: bytes, timestamp_s: float) -> bool:

@@ -303,7 +303,10 @@ def test_a_node_that_never_confirms_is_named_in_the_outcome() -> None:
     first = len(bench.port.sent)
     while bench.loop.outcome is None:
         bench.step()
-    assert bench.loop.outcome.reason == "stale_status; the pump node has not confirmed 0 V"
+    assert bench.loop.outcome.reason.startswith(
+        "stale_status; the pump node has not confirmed 0 V: its last status is 1."
+    )
+    assert bench.loop.outcome.reason.endswith(" s old; the last command was not echoed")
     assert len(bench.port.sent) - first < 20
 
 

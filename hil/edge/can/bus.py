@@ -18,7 +18,7 @@ from hil.core.errors import HilError
 from hil.core.types import Event, Severity
 from hil.edge.can.slcan_bus import SlcanBus
 from hil.edge.host.clock import ArrivalClock
-from hil.wire import error_frames
+from hil.wire import error_frames, rejections
 from hil.wire.error_frames import WORDS, ErrorKind
 
 BUS_ERRORS = (can.CanError, OSError, ValueError, IndexError)
@@ -92,6 +92,13 @@ class BusPort:
     def line_counts(self) -> dict[str, int]:
         """What an slcan adapter has refused and we have dropped, by cause; empty on other buses."""
         return self._bus.counts if isinstance(self._bus, SlcanBus) else {}
+
+    @property
+    def lines_rejected(self) -> str:
+        """The same in words; "" for nothing. Cheap as long as there is nothing to say."""
+        if not isinstance(self._bus, SlcanBus) or not self._bus.has_counted:
+            return ""
+        return rejections.lines_rejected(self._bus.counts)
 
     def receive(self, timeout_s: float) -> can.Message | None:
         """The next frame, or None after timeout_s or a failure."""

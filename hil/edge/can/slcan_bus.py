@@ -132,6 +132,11 @@ class SlcanBus(can.BusABC):
         rejected = {f"rejected_{cause.value}": number for cause, number in sorted(self.lines.rejected.items())}
         return {"refused": self.lines.refused, "dropped": self.dropped, **rejected}
 
+    @property
+    def has_counted(self) -> bool:
+        """Whether any of `counts` is above zero."""
+        return bool(self.lines.refused or self.dropped or self.lines.rejected)
+
     def _take_in(self, timeout_s: float | None) -> bool:
         """Read what waits, or comes within timeout_s; whether there was anything."""
         try:
