@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from hil.bench.designs import DESIGNS
 from hil.bench.detectors import DETECTORS
-from hil.bench.dry_step import DryStepError, try_out
+from hil.bench.dry_step import FAILURES, DryStepError, try_out
 from hil.core.closed_loop import LoopConfig
 from hil.core.controller import ControllerConfig, Output
 from hil.core.design import GainDesign
@@ -95,12 +97,17 @@ def load(
 
 def check(bench: Bench) -> None:
     """Try the settings out before anything moves. Raises SettingsError that names the file and what is wrong."""
-    config = controller_config(bench)
+    choice = bench.scenario.control.design
     try:
-        try_out(config)
+        with np.errstate(all="ignore"):  # values that are not finite are refused below
+            try_out(controller_config(bench))
+    except SettingsError:
+        raise
     except DryStepError as error:
-        choice = bench.scenario.control.design
         raise SettingsError(f"{_where(bench)}: control (design {choice!r}): {error}") from None
+    except FAILURES as error:
+        what = f"{type(error).__name__}: {error}"
+        raise SettingsError(f"{_where(bench)}: no controller can be computed from these values: {what}") from None
 
 
 def _where(bench: Bench) -> str:

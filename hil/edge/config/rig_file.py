@@ -178,7 +178,10 @@ class Rig(Section):
 
     @model_validator(mode="after")
     def _starts_within_the_tanks(self) -> Self:
-        levels_cm = equilibrium(self.tank_model, self.control.operating_point_V)
+        try:
+            levels_cm = equilibrium(self.tank_model, self.control.operating_point_V)
+        except ArithmeticError as error:
+            raise ValueError(f"no levels can be computed from tanks and pumps: {error}") from None
         highest_cm = self.safety.level_max_cm
         if not all(0.0 < level_cm < highest_cm for level_cm in levels_cm):
             shown = ", ".join(f"{level_cm:.4g}" for level_cm in levels_cm)
