@@ -4,6 +4,8 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.installed
+SAMPLE ?= 20
+SEED   ?= 1
 
 # every line and branch of what keeps the rig safe
 COVERED := --cov-branch --cov-fail-under=100 --cov-report=term-missing:skip-covered \
@@ -48,10 +50,11 @@ test-socketcan: $(READY)  ## the tests on the kernel's CAN buses, in a guest whe
 
 test-long: $(READY)  ## simulated hours, two thousand pairs of faults, mutants: ten minutes on two cores
 	$(BIN)/python -m pytest -n 2 -m long
-	$(BIN)/python -m tools.mutants
+	$(MAKE) --no-print-directory mutants
 
-mutants: $(READY)  ## every small change of supervisor, interlocks and wire checks must fail a test
+mutants: $(READY)  ## every small change of the safety modules, and a sample of those elsewhere, must fail a test
 	$(BIN)/python -m tools.mutants
+	$(BIN)/python -m tools.mutants --sample $(SAMPLE) --seed $(SEED)
 
 benchmarks: $(READY)  ## timings as ratios, for docs/reference/benchmarks.md
 	$(BIN)/python -m tools.benchmark

@@ -136,7 +136,7 @@ def test_a_spilling_upper_tank_does_not_feed_its_lower_one() -> None:
     assert abs(balance_error_cm3(tanks, start_cm3)) < 1e-6
 
 
-@pytest.mark.parametrize(("tank", "other"), itertools.permutations(range(4), 2))
+@pytest.mark.parametrize(("tank", "other"), list(itertools.permutations(range(4), 2)))
 @pytest.mark.parametrize("is_full", [False, True])
 def test_a_nearly_empty_tank_keeps_its_water_while_another_one_spills_or_runs_empty(tank, other, is_full) -> None:
     """Up to 1 mm could be counted as drained in one step, which the balance of volumes does not show."""

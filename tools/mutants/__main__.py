@@ -1,4 +1,10 @@
-"""`python -m tools.mutants [MODULE ...]`: exit code 1 for a survivor that is not accepted, and for a stale list."""
+"""Mutation tests: exit code 1 for a survivor that is not accepted, and for a list of accepted ones that is outdated.
+
+python -m tools.mutants                           # every mutant of the safety modules
+python -m tools.mutants hil.wire.frame_check      # of one of them
+python -m tools.mutants --sample 100 --seed 7     # 100 mutants drawn over all rooms
+python -m tools.mutants --sample 20 --room glr    # over one room
+"""
 
 from __future__ import annotations
 
@@ -6,10 +12,13 @@ import argparse
 import sys
 import time
 import tomllib
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from tools.mutants.generate import Mutant, mutants_of
-from tools.mutants.run import Bench, Verdict, run_all
+from tools.mutants.run import Fate, Judgement, Target, run_all, unchanged
+from tools.mutants.sample import ROOMS, draw
 
 ROOT = Path(__file__).resolve().parents[2]
 ACCEPTED = Path(__file__).with_name("accepted.toml")
@@ -19,56 +28,88 @@ SUPERVISOR_TESTS = (
     "tests/safety/test_safety_supervisor.py",
 )
 WIRE_TESTS = ("tests/wire/test_wire_checks.py",)
-TARGETS: dict[str, tuple[str, ...]] = {
+SAFETY: dict[str, tuple[str, ...]] = {
     "hil.core.supervisor": SUPERVISOR_TESTS,
     "hil.core.interlocks": SUPERVISOR_TESTS,
     "hil.wire.frame_check": WIRE_TESTS,
 }
-"""Module under test, and the tests that have to tell its mutants from it, the quickest first."""
+"""Safety module, and the tests that have to kill all its mutants, the quickest first."""
+
+Key = tuple[str, str, str]
 
 
-def main() -> int:
-    """Run them all and compare with the list."""
-    parser = argparse.ArgumentParser(prog="python -m tools.mutants", description=__doc__)
-    parser.add_argument("modules", nargs="*", default=list(TARGETS), help=f"of {', '.join(TARGETS)}; default: all")
-    parser.add_argument("--jobs", type=int, default=2, help="processes at a time")
-    chosen = parser.parse_args()
-    accepted = {_key(entry): entry["reason"] for entry in tomllib.loads(ACCEPTED.read_text())["mutant"]}
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the mutants and compare the survivors with the list of accepted ones."""
+    parser = argparse.ArgumentParser(
+        prog="python -m tools.mutants", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("modules", nargs="*", help=f"of {', '.join(SAFETY)}; default: all")
+    parser.add_argument("--sample", type=int, default=0, help="draw so many mutants over all rooms instead")
+    parser.add_argument("--seed", type=int, default=1, help="of the sample; default 1")
+    parser.add_argument("--room", action="append", choices=list(ROOMS), help="draw in this room; may be repeated")
+    parser.add_argument("--jobs", type=int, default=2, help="processes at a time; default 2")
+    options = parser.parse_args(arguments)
+    accepted = {
+        (entry["module"], entry["before"], entry["after"])
+        for entry in tomllib.loads(ACCEPTED.read_text(encoding="utf-8"))["mutant"]
+    }
+    if options.sample:
+        work = draw(ROOT, options.room or ROOMS, options.sample, options.seed)
+        title = f"sample of {len(work)}, seed {options.seed}"
+        return 0 if judge(title, work, options.jobs, accepted, is_complete=False) else 1
     is_good = True
-    for module in chosen.modules:
-        is_good &= _judge(module, chosen.jobs, accepted)
+    for module in options.modules or SAFETY:
+        target = Target(ROOT, module, SAFETY[module])
+        work = [(target, mutant) for mutant in mutants_of(target.path)]
+        is_good &= judge(module, work, options.jobs, accepted, is_complete=True)
     return 0 if is_good else 1
 
 
-def _judge(module: str, jobs: int, accepted: dict[tuple[str, str, str], str]) -> bool:
-    """All mutants of one module; whether the survivors are just the accepted ones."""
-    path = ROOT / f"{module.replace('.', '/')}.py"
-    mutants = mutants_of(path)
+def judge(title: str, work: list[tuple[Target, Mutant]], jobs: int, accepted: set[Key], *, is_complete: bool) -> bool:
+    """Run these mutants and print the result; whether the survivors are exactly the accepted ones.
+
+    is_complete : whether these are all mutants of their modules, so that an accepted one that is not among them is
+    outdated. Raises RuntimeError when a test that killed a mutant also fails without it.
+    """
     started = time.monotonic()
-    bench = Bench(ROOT, module, TARGETS[module])
-    verdicts = run_all(bench, mutants, jobs)
-    survived = [m for m, verdict in zip(mutants, verdicts, strict=True) if verdict is Verdict.SURVIVED]
-    keys = {(module, m.before, m.after) for m in survived}
-    unlisted = [m for m in survived if (module, m.before, m.after) not in accepted]
-    stale = [key for key in accepted if key[0] == module and key not in keys]
+    judgements = run_all(work, jobs)
+    _check_killers(work, judgements)
+    fates = [judgement.fate for judgement in judgements]
+    survived = [
+        (target.module, mutant) for (target, mutant), fate in zip(work, fates, strict=True) if fate is Fate.SURVIVED
+    ]
+    keys = {key_of(module, mutant) for module, mutant in survived}
+    unlisted = [(module, mutant) for module, mutant in survived if key_of(module, mutant) not in accepted]
+    ran = {key_of(target.module, mutant) for target, mutant in work}
+    modules = {target.module for target, _ in work} if is_complete else set()
+    stale = [key for key in accepted if (key in ran or key[0] in modules) and key not in keys]
     print(
-        f"{module}: {len(mutants)} mutants, {len(mutants) - len(survived)} killed "
-        f"({verdicts.count(Verdict.TIMED_OUT)} by the clock), {len(survived) - len(unlisted)} accepted survivors, "
+        f"{title}: {len(work)} mutants, {len(work) - len(survived)} killed "
+        f"({fates.count(Fate.TIMED_OUT)} by the clock), {len(survived) - len(unlisted)} accepted survivors, "
         f"{len(unlisted)} unlisted; {time.monotonic() - started:.0f} s"
     )
-    for mutant in unlisted:
-        print(f"  survived: {_shown(module, mutant)}")
-    for _, before, after in stale:
-        print(f"  accepted, but did not survive: {before}  ->  {after}")
+    for module, mutant in unlisted:
+        print(f"  survived: {module}:{mutant.line} {mutant.operator}\n      - {mutant.before}\n      + {mutant.after}")
+    for module, before, after in stale:
+        print(f"  accepted, but did not survive: {module}: {before}  ->  {after}")
     return not unlisted and not stale
 
 
-def _shown(module: str, mutant: Mutant) -> str:
-    return f"{module}:{mutant.line} {mutant.operator}\n      - {mutant.before}\n      + {mutant.after}"
+def _check_killers(work: list[tuple[Target, Mutant]], judgements: list[Judgement]) -> None:
+    """Run every test that killed a mutant on the unchanged modules. Raises RuntimeError when one fails."""
+    killers = sorted({judgement.killer for judgement in judgements if judgement.killer})
+    if killers:
+        target = replace(work[0][0], tests=tuple(killers), needs_compiler=False)
+        (judgement,) = run_all([(target, unchanged(target))], 1)
+        if judgement.fate is not Fate.SURVIVED:
+            raise RuntimeError(
+                f"this test fails without any change: {judgement.killer or 'none, but they take too long'}"
+            )
 
 
-def _key(entry: dict[str, str]) -> tuple[str, str, str]:
-    return entry["module"], entry["before"], entry["after"]
+def key_of(module: str, mutant: Mutant) -> Key:
+    """How the list of accepted mutants names one."""
+    return module, mutant.before, mutant.after
 
 
 if __name__ == "__main__":

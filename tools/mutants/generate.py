@@ -1,14 +1,18 @@
-"""The mutants of a module: cosmic-ray's operators, less those that change nothing that is ever run.
+"""The mutants of a module: cosmic-ray's operators, without those that change no code that is ever run.
 
-Of the operators that put every comparison for every other, and every arithmetic one, those remain that move a boundary,
-negate, or turn an operation round: a test that tells these tells the rest, and they are a third of the time.
+Of the operators that replace every comparison by every other, and every arithmetic one, those remain that move a
+boundary, negate, or invert an operation: a test that detects these detects the others, in a third of the time.
 """
 
 from __future__ import annotations
 
 import ast
+import hashlib
+from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from cosmic_ray.ast import ast_nodes, get_ast
 from cosmic_ray.mutating import mutate_code
@@ -37,27 +41,65 @@ class Mutant:
     code: str
 
 
+@dataclass(frozen=True)
+class Site:
+    """A place where an operator can change a module.
+
+    rank : a number that depends on seed, module, operator and line only, so that a change elsewhere does not move it.
+    """
+
+    path: Path
+    operator_name: str
+    occurrence: int
+    rank: str
+
+
 def mutants_of(path: Path) -> list[Mutant]:
     """Every mutant that is another program than the module and than the mutants before it."""
     code = path.read_text(encoding="utf-8")
     seen = {_meaning(code)}
     mutants = []
+    for site in sites_of(path):
+        changed = _changed_code(code, site)
+        meaning = _meaning(changed)
+        if meaning not in seen:
+            seen.add(meaning)
+            mutants.append(_mutant(site.operator_name.rpartition("/")[2], code, changed))
+    return sorted(mutants, key=lambda mutant: mutant.line)
+
+
+def mutant_at(site: Site) -> Mutant | None:
+    """The mutant of one place; None where the change makes no other program."""
+    code = site.path.read_text(encoding="utf-8")
+    changed = _changed_code(code, site)
+    if _meaning(changed) in ("", _meaning(code)):
+        return None
+    return _mutant(site.operator_name.rpartition("/")[2], code, changed)
+
+
+def sites_of(path: Path, module: str = "", seed: int = 0) -> Iterator[Site]:
+    """Every place where one of the operators can change the module."""
+    code = path.read_text(encoding="utf-8")
+    lines, tree = code.splitlines(), get_ast(code)
+    for name, operator in _operators():
+        count: Counter[str] = Counter()
+        positions = [place for node in ast_nodes(tree) for place in operator.mutation_positions(node)]
+        for occurrence, ((line, _), _) in enumerate(positions):
+            key = f"{seed} {module} {name} {lines[line - 1].strip()}"
+            count[key] += 1
+            rank = hashlib.sha256(f"{key} {count[key]}".encode()).hexdigest()
+            yield Site(path, name, occurrence, rank)
+
+
+def _operators() -> Iterator[tuple[str, Any]]:
     for name in operator_names():
         operator_class = get_operator(name)
-        if operator_class.arguments() or not _is_worth_it(name.rpartition("/")[2]):
-            continue
-        operator = operator_class()
-        positions = [place for node in ast_nodes(get_ast(code)) for place in operator.mutation_positions(node)]
-        for occurrence in range(len(positions)):
-            changed = mutate_code(code, operator, occurrence)
-            if changed is None:
-                continue
-            meaning = _meaning(changed)
-            if meaning in seen:
-                continue
-            seen.add(meaning)
-            mutants.append(_mutant(name.rpartition("/")[2], code, changed))
-    return sorted(mutants, key=lambda mutant: mutant.line)
+        if not operator_class.arguments() and _is_worth_it(name.rpartition("/")[2]):
+            yield name, operator_class()
+
+
+def _changed_code(code: str, site: Site) -> str:
+    return mutate_code(code, get_operator(site.operator_name)(), site.occurrence) or code
 
 
 def _is_worth_it(operator: str) -> bool:
@@ -84,7 +126,7 @@ def _meaning(code: str) -> str:
 
 
 class _Bare(ast.NodeTransformer):
-    """Leaves a marker for each annotation: dataclasses count them, nobody reads them."""
+    """Leaves a marker for each annotation: dataclasses count them, no code reads them."""
 
     def visit_AnnAssign(self, node: ast.AnnAssign) -> ast.AST:
         node.annotation = ast.Constant(value=None)

@@ -1,17 +1,19 @@
-"""Runs the tests against mutants: one process loads everything that no mutant can change, a fork takes each mutant."""
+"""Runs tests against mutants: one process imports all that a mutant can't change, a fork of it judges each mutant."""
 
 from __future__ import annotations
 
 import contextlib
 import importlib
 import os
+import shutil
 import signal
 import sys
+import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
-from importlib.abc import Loader, MetaPathFinder
+from importlib.abc import InspectLoader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from importlib.util import spec_from_loader
 from pathlib import Path
@@ -21,18 +23,20 @@ import pytest
 
 from tools.mutants.generate import Mutant
 
-TIMEOUT_S = 120.0
-LEAST_TIMEOUT_S, TIMEOUT_FACTOR = 20.0, 4.0
-"""A mutant gets so many times what the unchanged module took."""
+MAX_TEST_S = 90.0
+"""A mutant is killed by the clock when one test takes longer than that; the slowest takes 15 s on a slow day."""
+MAX_MUTANT_S = 600.0
 
 OPTIONS = (
     "-x", "-q", "--tb=no", "--assert=plain", "--capture=no", "--no-header", "-W", "ignore",
     *("-p", "no:cacheprovider"), *("-p", "no:xdist"), *("-p", "no:cov"),
+    *("-m", "not live and not long and not socketcan"),
 )  # fmt: skip
 POLL_S = 0.005
+TIMED_OUT_EXIT = 99
 
 
-class Verdict(Enum):
+class Fate(Enum):
     """What became of a mutant."""
 
     KILLED = "killed"
@@ -41,103 +45,149 @@ class Verdict(Enum):
 
 
 @dataclass(frozen=True)
-class Bench:
-    """The module to change and the tests to run, by their paths below root."""
+class Judgement:
+    """A mutant's fate, and the test that failed on it ("" if none did)."""
+
+    fate: Fate
+    killer: str = ""
+
+
+@dataclass(frozen=True)
+class Target:
+    """The module to change and the test files to run in this order, by their paths below root.
+
+    needs_compiler : whether numba compiles code of this module, which then must not come from its cache.
+    """
 
     root: Path
     module: str
     tests: tuple[str, ...]
+    needs_compiler: bool = False
+
+    @property
+    def path(self) -> Path:
+        """The module's file."""
+        return self.root / f"{self.module.replace('.', '/')}.py"
 
 
-def run_all(bench: Bench, mutants: Sequence[Mutant], jobs: int) -> list[Verdict]:
-    """The verdict on each, some at a time; file after file of the tests, as long as a mutant survives.
-
-    Raises RuntimeError when the tests fail without any change.
-    """
-    _preload(bench)
-    verdicts = [Verdict.SURVIVED] * len(mutants)
-    for test in bench.tests:
-        left = [number for number, verdict in enumerate(verdicts) if verdict is Verdict.SURVIVED]
-        forks = _Forks(bench, [mutants[number] for number in left], jobs)
-        pytest.main([*OPTIONS, "-c", str(bench.root / "pyproject.toml"), str(bench.root / test)], [forks])
-        if forks.process == 0:  # a fork, its tests done
-            os._exit(0 if forks.passed else 1)
-        if not forks.is_sound:
-            raise RuntimeError(f"the tests of {bench.module} fail as it is: {test}")
-        for number, verdict in zip(left, forks.verdicts, strict=True):
-            verdicts[number] = verdict
-    return verdicts
+def unchanged(target: Target) -> Mutant:
+    """The module as it is, to see whether its tests pass at all."""
+    return Mutant("none", 0, "", "", target.path.read_text(encoding="utf-8"))
 
 
-class _Forks:
-    """A plugin of pytest's: where it would collect the tests, a fork for each mutant goes on to do so."""
+@dataclass(frozen=True)
+class _Fork:
+    """A fork that judges a mutant: its place in the list, its start, and the pipe on which it names the failed test."""
 
-    def __init__(self, bench: Bench, mutants: Sequence[Mutant], jobs: int) -> None:
-        self._bench, self._mutants, self._jobs = bench, mutants, jobs
-        self.verdicts = [Verdict.SURVIVED] * len(mutants)
-        self.is_sound = False
-        self.process = -1
-        self.passed = False
+    number: int
+    process: int
+    started_s: float
+    pipe: int
+
+
+def run_all(work: Sequence[tuple[Target, Mutant]], jobs: int) -> list[Judgement]:
+    """The judgement on each mutant, `jobs` at a time, in the order given."""
+    _preload({(target.root, test.partition("::")[0]) for target, _ in work for test in target.tests})
+    judgements = [Judgement(Fate.SURVIVED)] * len(work)
+    running: list[_Fork] = []
+    waiting = list(range(len(work) - 1, -1, -1))
+    while waiting or running:
+        while waiting and len(running) < jobs:
+            running.append(_forked(waiting[-1], *work[waiting.pop()]))
+        for fork in list(running):
+            fate = _poll(fork)
+            if fate is not None:
+                with os.fdopen(fork.pipe, encoding="utf-8") as pipe:
+                    judgements[fork.number] = Judgement(fate, pipe.read())
+                running.remove(fork)
+        time.sleep(POLL_S)
+    return judgements
+
+
+def _forked(number: int, target: Target, mutant: Mutant) -> _Fork:
+    read_end, write_end = os.pipe()
+    process = os.fork()
+    if not process:
+        _judge(target, mutant, write_end)
+    os.close(write_end)
+    return _Fork(number, process, time.monotonic(), read_end)
+
+
+def _preload(tests: set[tuple[Path, str]]) -> None:
+    """Import the tests, and with them all that they need. Their examples are the same ones in each process."""
+    from hypothesis import settings
+
+    settings.register_profile("mutants", derandomize=True, database=None, deadline=None)
+    settings.load_profile("mutants")
+    for root, test in sorted(tests):
+        if str(root) not in sys.path:
+            sys.path.insert(0, str(root))
+        importlib.import_module(test.removesuffix(".py").replace("/", "."))
+
+
+def _judge(target: Target, mutant: Mutant, pipe: int) -> None:
+    """In a fork: run the tests on the mutant, and exit with 0 when all pass; name the one that fails on the pipe."""
+    os.setpgid(0, 0)
+    quiet = os.open(os.devnull, os.O_RDWR)
+    for descriptor in (0, 1, 2):
+        os.dup2(quiet, descriptor)
+    code, cache = 1, ""
+    try:
+        if target.needs_compiler:
+            cache = tempfile.mkdtemp(prefix="mutant-")
+            _use_compiler_cache(cache)
+        _forget(target)
+        sys.meta_path.insert(0, _Changed(target, mutant.code))
+        files = [str(target.root / test) for test in target.tests]
+        code = int(pytest.main([*OPTIONS, "-c", str(target.root / "pyproject.toml"), *files], [_Watcher(pipe)]))
+    finally:
+        if cache:
+            shutil.rmtree(cache, ignore_errors=True)
+        os._exit(0 if code == 0 else 1)
+
+
+def _use_compiler_cache(folder: str) -> None:
+    import numba
+
+    numba.config.CACHE_DIR = folder  # type: ignore[attr-defined]  # set at import, from the environment
+
+
+class _Watcher:
+    """A plugin of pytest: names the test that fails, and ends the process when a test takes too long."""
+
+    def __init__(self, pipe: int) -> None:
+        self._pipe = pipe
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """A test has failed, in itself or in its fixtures."""
+        if report.failed:
+            os.write(self._pipe, report.nodeid.encode())
+
+    def pytest_collectreport(self, report: pytest.CollectReport) -> None:
+        """A file could not be imported."""
+        if report.failed:
+            os.write(self._pipe, report.nodeid.encode())
 
     @pytest.hookimpl(tryfirst=True)
-    def pytest_collection(self) -> bool | None:
-        """In the forks go on; in the first process come back when all have ended, with nothing collected."""
-        unchanged = (self._bench.root / f"{self._bench.module.replace('.', '/')}.py").read_text(encoding="utf-8")
-        started = time.monotonic()
-        if self._forked(unchanged):
-            return None
-        self.is_sound = _wait(self.process, started, TIMEOUT_S) is Verdict.SURVIVED
-        timeout_s = max(LEAST_TIMEOUT_S, TIMEOUT_FACTOR * (time.monotonic() - started))
-        running: dict[int, tuple[int, float]] = {}
-        waiting = list(range(len(self._mutants) - 1, -1, -1)) if self.is_sound else []
-        while waiting or running:
-            while waiting and len(running) < self._jobs:
-                number = waiting.pop()
-                if self._forked(self._mutants[number].code):
-                    return None
-                running[self.process] = number, time.monotonic()
-            for process, (number, begun) in list(running.items()):
-                verdict = _poll(process, begun, timeout_s)
-                if verdict is not None:
-                    self.verdicts[number] = verdict
-                    del running[process]
-            time.sleep(POLL_S)
-        return True
-
-    def pytest_sessionfinish(self, exitstatus: int) -> None:
-        """Whether every test passed."""
-        self.passed = exitstatus == 0
-
-    def _forked(self, code: str) -> bool:
-        """Fork; in the fork, which finds this code in place of the module's, True."""
-        self.process = os.fork()
-        if self.process:
-            return False
-        quiet = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(quiet, 1)
-        os.dup2(quiet, 2)
-        sys.meta_path.insert(0, _Changed(self._bench, code))
-        return True
+    def pytest_runtest_logstart(self) -> None:
+        """Start the time of the next test."""
+        signal.signal(signal.SIGALRM, lambda _number, _frame: os._exit(TIMED_OUT_EXIT))
+        signal.setitimer(signal.ITIMER_REAL, MAX_TEST_S)
 
 
-def _preload(bench: Bench) -> None:
-    """Import what the tests need; then forget the module and all that was built on it, so that a fork takes it anew."""
-    for folder in {str((bench.root / test).parent) for test in bench.tests}:
-        sys.path.insert(0, folder)
-    names = [Path(test).stem for test in bench.tests]
-    for name in names:
-        importlib.import_module(name)
-    tainted = {bench.module}
+def _forget(target: Target) -> None:
+    """Drop the module and all that was built on it, so that the fork imports it again; the tests themselves too."""
+    tests = {test.partition("::")[0] for test in target.tests}
+    tainted = {target.module} | {test.removesuffix(".py").replace("/", ".") for test in tests}
     while more := {n for n, m in list(sys.modules.items()) if n not in tainted and _uses(n, m, tainted)}:
         tainted |= more
-    for name in tainted | set(names):
+    for name in tainted:
         sys.modules.pop(name, None)
 
 
 def _uses(name: str, module: ModuleType, tainted: set[str]) -> bool:
     """Whether one of ours has anything of a tainted module in its namespace."""
-    file = getattr(module, "__file__", None) or ""
-    if not (name.startswith(("hil", "firmware_sim")) or "/tests/" in file):
+    if not name.startswith(("hil", "firmware_sim", "tests")):
         return False
     for value in vars(module).values():
         home = value.__name__ if isinstance(value, ModuleType) else getattr(value, "__module__", None)
@@ -146,34 +196,42 @@ def _uses(name: str, module: ModuleType, tainted: set[str]) -> bool:
     return False
 
 
-def _poll(process: int, started: float, timeout_s: float) -> Verdict | None:
-    done, status = os.waitpid(process, os.WNOHANG)
+def _poll(fork: _Fork) -> Fate | None:
+    done, status = os.waitpid(fork.process, os.WNOHANG)
     if done:
-        return Verdict.SURVIVED if os.waitstatus_to_exitcode(status) == 0 else Verdict.KILLED
-    if time.monotonic() - started > timeout_s:
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(process, signal.SIGKILL)
-        os.waitpid(process, 0)
-        return Verdict.TIMED_OUT
+        code = os.waitstatus_to_exitcode(status)
+        _kill_group(fork.process)
+        return Fate.SURVIVED if code == 0 else Fate.TIMED_OUT if code == TIMED_OUT_EXIT else Fate.KILLED
+    if time.monotonic() - fork.started_s > MAX_MUTANT_S:
+        _kill_group(fork.process)
+        os.waitpid(fork.process, 0)
+        return Fate.TIMED_OUT
     return None
 
 
-def _wait(process: int, started: float, timeout_s: float) -> Verdict:
-    while (verdict := _poll(process, started, timeout_s)) is None:
-        time.sleep(POLL_S)
-    return verdict
+def _kill_group(process: int) -> None:
+    """End the fork and the programs that its tests have started and not ended."""
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(process, signal.SIGKILL)
 
 
-class _Changed(MetaPathFinder, Loader):
+class _Changed(MetaPathFinder, InspectLoader):
     """An importer that has the changed code for one module."""
 
-    def __init__(self, bench: Bench, code: str) -> None:
-        self._bench, self._code = bench, code
+    def __init__(self, target: Target, code: str) -> None:
+        self._target, self._code = target, code
 
     def find_spec(self, fullname: str, path: object = None, target: object = None) -> ModuleSpec | None:  # noqa: ARG002 - the protocol
-        """The changed module, and nothing else."""
-        return spec_from_loader(fullname, self) if fullname == self._bench.module else None
+        """The changed module, and no other."""
+        if fullname != self._target.module:
+            return None
+        return spec_from_loader(fullname, self, origin=str(self._target.path))
+
+    def get_source(self, fullname: str) -> str:  # noqa: ARG002 - the protocol
+        """The changed code."""
+        return self._code
 
     def exec_module(self, module: ModuleType) -> None:
         """Run the changed code."""
-        exec(compile(self._code, f"mutant of {self._bench.module}", "exec"), vars(module))  # noqa: S102 - our own module
+        module.__file__ = str(self._target.path)
+        exec(compile(self._code, str(self._target.path), "exec"), vars(module))  # noqa: S102 - our own module

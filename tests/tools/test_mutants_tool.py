@@ -1,0 +1,116 @@
+"""The mutation tool: what it draws, and that it tells a mutant that a test kills from one that survives."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tools.mutants.generate import sites_of
+from tools.mutants.sample import MUST_BE_COMPLETE, ROOMS, draw, modules_of, target_of
+
+ROOT = Path(__file__).resolve().parents[2]
+MODULE = '''"""Two limits."""
+
+LIMIT = 5
+
+
+def is_over(value):
+    return value > LIMIT
+
+
+def is_under(value):
+    return value < 0
+'''
+TEST = """from hil.limits import is_over
+
+
+def test_the_limit_itself_is_not_over_it():
+    assert is_over(6)
+    assert not is_over(5)
+"""
+SCRIPT = """
+import sys
+from pathlib import Path
+from tools.mutants.__main__ import judge
+from tools.mutants.generate import mutants_of
+from tools.mutants.run import Target
+
+target = Target(Path(sys.argv[1]), "hil.limits", ("tests/toy/test_limits.py",))
+work = [(target, mutant) for mutant in mutants_of(target.path)]
+accepted = {("hil.limits", *key.split(" -> ")) for key in sys.argv[2:]}
+sys.exit(0 if judge("toy", work, 2, accepted, is_complete=True) else 1)
+"""
+SURVIVORS = ["return value < 0 -> return value <= 0", "return value < 0 -> return value >= 0"]
+SURVIVORS += ["return value < 0 -> return value < 1", "return value < 0 -> return value < -1"]
+
+
+@pytest.fixture
+def toy(tmp_path):
+    """A project with one module and one test, which looks at the first function alone."""
+    for folder in ("hil", "tests/toy"):
+        (tmp_path / folder).mkdir(parents=True)
+        (tmp_path / folder / "__init__.py").touch()
+    (tmp_path / "tests/__init__.py").touch()
+    (tmp_path / "hil/limits.py").write_text(MODULE)
+    (tmp_path / "tests/toy/test_limits.py").write_text(TEST)
+    (tmp_path / "pyproject.toml").write_text("[tool.pytest.ini_options]\nmarkers = ['live', 'long', 'socketcan']\n")
+    return tmp_path
+
+
+def judged(toy, *accepted):
+    command = [sys.executable, "-c", SCRIPT, str(toy), *accepted]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
+
+
+def test_a_survivor_is_named_with_its_line_before_and_after(toy):
+    done = judged(toy)
+    assert done.returncode == 1, done.stderr
+    assert "0 accepted survivors, 4 unlisted" in done.stdout
+    assert "survived: hil.limits:11 " in done.stdout
+    assert "      - return value < 0\n      + return value <= 0\n" in done.stdout
+    assert "return value > LIMIT" not in done.stdout
+
+
+def test_accepted_survivors_pass_and_an_entry_that_does_not_survive_fails(toy):
+    done = judged(toy, *SURVIVORS)
+    assert (done.returncode, "4 accepted survivors, 0 unlisted" in done.stdout) == (0, True), done.stdout
+    done = judged(toy, *SURVIVORS, "return value > LIMIT -> return value >= LIMIT")
+    assert done.returncode == 1
+    assert "accepted, but did not survive: hil.limits: return value > LIMIT" in done.stdout
+
+
+def test_a_test_that_fails_without_any_change_kills_nothing(toy):
+    (toy / "tests/toy/test_limits.py").write_text(TEST.replace("is_over(6)", "is_over(4)"))
+    done = judged(toy)
+    assert done.returncode == 1
+    assert "fails without any change: tests/toy/test_limits.py::test_the_limit_itself_is_not_over_it" in done.stderr
+
+
+def test_a_change_elsewhere_in_a_module_does_not_move_the_draw(toy):
+    module = toy / "hil/limits.py"
+    before = {site.rank for site in sites_of(module, "hil.limits", 3)}
+    assert before.isdisjoint({site.rank for site in sites_of(module, "hil.limits", 4)})
+    module.write_text(MODULE.replace("LIMIT = 5\n", "LIMIT = 5\nOTHER = 1\n"))
+    assert before < {site.rank for site in sites_of(module, "hil.limits", 3)}
+
+
+@pytest.mark.parametrize("name", ROOMS)
+def test_every_room_has_modules_and_tests_that_name_them_first(name):
+    modules = modules_of(ROOT, ROOMS[name])
+    assert modules
+    assert MUST_BE_COMPLETE.isdisjoint(modules)
+    for module in modules:
+        target = target_of(ROOT, ROOMS[name], module)
+        assert target.path.is_file()
+        assert target.tests
+        assert all((ROOT / test).is_file() for test in target.tests)
+    tests = target_of(ROOT, ROOMS["emulator"], "firmware_sim.parameter_spread").tests
+    assert tests[0] == "tests/firmware_sim/test_sim_draw.py"
+
+
+def test_the_same_seed_draws_the_same_mutants():
+    first, again = (draw(ROOT, ["loop"], 5, 2) for _ in range(2))
+    assert first == again
+    assert len(first) == 5
+    assert first != draw(ROOT, ["loop"], 5, 3)
