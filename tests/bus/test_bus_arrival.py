@@ -6,6 +6,7 @@ import pytest
 from hil.edge.can.bus import BusPort
 from hil.edge.host.clock import ArrivalClock
 from tests.bus.bus_bench import COMMAND_ID
+from tests.narrowing import not_none
 
 S = 1_000_000_000
 WALL_NS = 1_790_000_000 * S
@@ -82,7 +83,7 @@ def error(classes: int) -> can.Message:
 def test_each_kind_of_error_is_told_once_and_counted_each_time() -> None:
     port = BusPort(Saying(error(0x20), error(0x20), error(0x22)))
     for _ in range(3):
-        assert port.receive(0.0).is_error_frame
+        assert not_none(port.receive(0.0)).is_error_frame
     assert [event.data["kind"] for event in port.news()] == ["no_ack", "lost_arbitration"]
     assert port.bus_errors == {"no_ack": 3, "lost_arbitration": 1}
     assert (port.news(), port.is_up) == ([], True)

@@ -19,6 +19,7 @@ from tests.bus.bus_bench import (
     next_frame,
     wait_for,
 )
+from tests.narrowing import not_none
 from tests.socketcan.kernel_links import KernelFar
 
 FARS = {
@@ -45,15 +46,17 @@ def test_frames_come_whole_and_in_order(far) -> None:
     sent = [frame(data=bytes([number, 0, 255, 13, 7, 10, 65])) for number in range(20)]
     far.send(*sent)
     got = [next_frame(far.port) for _ in sent]
-    assert [(m.arbitration_id, bytes(m.data)) for m in got] == [(LEVELS_ID, bytes(m.data)) for m in sent]
-    assert not any(m.is_extended_id or m.is_remote_frame or m.is_error_frame for m in got)
+    assert [(not_none(m).arbitration_id, bytes(not_none(m).data)) for m in got] == [
+        (LEVELS_ID, bytes(m.data)) for m in sent
+    ]
+    assert not any(not_none(m).is_extended_id or not_none(m).is_remote_frame or not_none(m).is_error_frame for m in got)
 
 
 @pytest.mark.parametrize("length", [0, 1, 6, 8])
 def test_payloads_of_every_length_pass_both_ways(far, length: int) -> None:
     data = bytes(range(200, 200 + length))
     far.send(frame(STATUS_ID, data))
-    assert bytes(next_frame(far.port).data) == data
+    assert bytes(not_none(next_frame(far.port)).data) == data
     assert far.port.send(COMMAND_ID, data, 0.0) is True
     (arrived,) = far.received(1)
     assert (arrived.arbitration_id, bytes(arrived.data), arrived.is_extended_id) == (COMMAND_ID, data, False)
@@ -75,19 +78,19 @@ def test_a_command_does_not_come_back_to_its_sender(far) -> None:
 def test_foreign_and_extended_frames_are_kept_out(far) -> None:
     """The extended frame has the number of one of ours."""
     far.send(frame(FOREIGN_ID), frame(LEVELS_ID, is_extended_id=True), frame(LEVELS_ID, b"\x2a" * 7))
-    assert bytes(next_frame(far.port).data) == b"\x2a" * 7
+    assert bytes(not_none(next_frame(far.port)).data) == b"\x2a" * 7
     assert far.port.receive(0.05) is None
     assert far.port.is_up
 
 
 def test_somebody_elses_command_is_let_in_so_that_it_can_be_noticed(far) -> None:
     far.send(frame(COMMAND_ID, bytes(6)))
-    assert next_frame(far.port).arbitration_id == COMMAND_ID
+    assert not_none(next_frame(far.port)).arbitration_id == COMMAND_ID
 
 
 def test_a_remote_frame_is_marked_as_one(far) -> None:
     far.send(frame(LEVELS_ID, b"", is_remote_frame=True, dlc=getattr(far, "remote_length", 7)))
-    assert next_frame(far.port).is_remote_frame
+    assert not_none(next_frame(far.port)).is_remote_frame
 
 
 def test_a_quiet_bus_is_no_failure(far) -> None:

@@ -117,6 +117,7 @@ def test_a_virtual_bus_keeps_the_time_it_is_given() -> None:
     try:
         BusPort(ours).send(COMMAND_ID, bytes(6), 12.5)
         message = next_frame(BusPort(theirs))
+        assert message is not None
         assert (message.timestamp, message.is_extended_id, bytes(message.data)) == (12.5, False, bytes(6))
     finally:
         ours.shutdown()

@@ -27,6 +27,7 @@ from tests.bus.bus_bench import (
     next_frame,
     wait_for,
 )
+from tests.narrowing import not_none
 
 GOOD = b"\x11\x22\x33\x44\x55\x66\x77"
 
@@ -64,7 +65,7 @@ def test_garbage_in_the_midst_of_frames_costs_none_of_them(adapter: RawAdapter |
     for _ in range(30):
         adapter.say(line(data=GOOD) + garbage + line(data=GOOD))
     got = [next_frame(adapter.port) for _ in range(60)]
-    assert [bytes(message.data) for message in got] == [GOOD] * 60
+    assert [bytes(not_none(message).data) for message in got] == [GOOD] * 60
     assert adapter.port.is_up
 
 
@@ -279,11 +280,12 @@ def test_what_python_cans_users_know_works(adapter: RawAdapter | VirtualFar) -> 
     heard = can.BufferedReader()
     notifier = can.Notifier(bus, [heard], timeout=0.05)
     adapter.say(line(data=GOOD))
-    assert bytes(heard.get_message(2.0).data) == GOOD
+    assert bytes(not_none(heard.get_message(2.0)).data) == GOOD
     notifier.stop()
     bus.set_filters([{"can_id": 0x333, "can_mask": 0x7FF}])
     adapter.say(line(data=GOOD) + line(0x333, b"\x01"))
     message = bus.recv()
+    assert message is not None
     assert (message.arbitration_id, bytes(message.data), message.is_rx) == (0x333, b"\x01", True)
     assert message.timestamp == pytest.approx(time.time(), abs=5.0)
     with pytest.raises(ValueError, match="slcan has neither"):

@@ -61,6 +61,7 @@ def frames(draw) -> Message:
 
 
 def told(frame: Message | None):
+    assert frame is not None
     return (frame.arbitration_id, frame.is_extended_id, frame.is_remote_frame, frame.dlc, bytes(frame.data))
 
 
@@ -163,7 +164,7 @@ LINES = st.binary(max_size=30).filter(lambda line: not {10, 13} & set(line)) | s
 )
 
 
-def counts(reader: LineReader):
+def counts(reader: LineReader) -> tuple[int, int, int, dict[Reject, int], int]:
     return (reader.done, reader.refused, reader.texts, dict(reader.rejected), reader.kept)
 
 

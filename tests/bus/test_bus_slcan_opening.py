@@ -155,6 +155,7 @@ def test_frames_of_the_last_host_are_not_taken_for_new_ones_and_hold_nothing_up(
             time.sleep(0.01)
         with SlcanBus(path) as bus:
             first = bus.recv(2.0)
+            assert first is not None
             assert int.from_bytes(first.data, "big") > adapter.closed_at >= 30
             assert bus.counts == {"refused": 0, "dropped": 0}
 

@@ -94,7 +94,7 @@ def test_a_trip_is_in_the_row_and_leaves_the_pumps_at_rest(case: Case) -> None:
 def test_a_campaign_that_was_killed_goes_on_where_it_was(tmp_path: Path) -> None:
     file = campaign_file(tmp_path, FEW.replace("seeds = 3", "seeds = 12"))
     store = Store(tmp_path / "out")
-    command = [sys.executable, "-c", "from hil.cli.app import main; main()", "campaign", file]
+    command: list[str | Path] = [sys.executable, "-c", "from hil.cli.app import main; main()", "campaign", file]
     process = subprocess.Popen([*command, "--processes", "1", "--out", store.path], stdout=subprocess.DEVNULL)
     deadline = time.monotonic() + 60.0
     while len(store.rows()) < 2 and process.poll() is None and time.monotonic() < deadline:

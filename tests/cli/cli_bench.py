@@ -67,10 +67,11 @@ class CommandLine:
     monkeypatch: pytest.MonkeyPatch
     capfd: pytest.CaptureFixture[str]
 
-    def __call__(self, name, *arguments) -> Result:
+    def __call__(self, name: str, *arguments: str | Path | int) -> Result:
         self.monkeypatch.setattr(sys, "argv", [name, *map(str, arguments)])
         self.capfd.readouterr()
         with pytest.raises(SystemExit) as ending:
             MAINS[name]()
         code = ending.value.code
+        assert code is None or isinstance(code, int), code
         return Result(0 if code is None else code, *self.capfd.readouterr())

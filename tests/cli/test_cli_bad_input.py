@@ -5,6 +5,7 @@ import os
 import socket
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -168,7 +169,7 @@ BAD_FILES = {
 }
 
 
-def bad_files(*files: str):
+def bad_files(*files: str) -> list[Any]:
     return [
         pytest.param(file, *case[:2], case[2:], id=f"{file}: {name}")
         for file in files
@@ -286,7 +287,7 @@ def test_a_configuration_file_that_can_not_be_read_is_named(
 @pytest.mark.parametrize("command", [("hil", "simulate"), ("hil", "run"), ("firmware-sim", "--slcan", 0, "--scenario")])
 @pytest.mark.parametrize("kind", ["missing", "directory", "not text"])
 def test_a_scenario_that_can_not_be_read_is_named(
-    command_line: CommandLine, tmp_path: Path, command: tuple[str | int, ...], kind: str
+    command_line: CommandLine, tmp_path: Path, command: tuple[Any, ...], kind: str
 ) -> None:
     scenario = tmp_path / "there.toml"
     if kind == "directory":
@@ -351,9 +352,7 @@ BAD_OPTIONS = {
 
 
 @pytest.mark.parametrize("case", BAD_OPTIONS.values(), ids=BAD_OPTIONS.keys())
-def test_a_bad_option_is_refused_in_one_line(
-    command_line: CommandLine, before: Path, case: tuple[str | tuple[str, ...], ...]
-) -> None:
+def test_a_bad_option_is_refused_in_one_line(command_line: CommandLine, before: Path, case: tuple[Any, ...]) -> None:
     before.write_text(scenario_text())
     name, arguments, *named = case
     filled = [argument.format(s=before) for argument in arguments]
@@ -376,7 +375,7 @@ BAD_BUSES = {
 
 @pytest.mark.parametrize("case", BAD_BUSES.values(), ids=BAD_BUSES.keys())
 def test_run_refuses_a_bus_that_can_not_be_opened(
-    command_line: CommandLine, before: Path, case: tuple[str | tuple[()], ...]
+    command_line: CommandLine, before: Path, case: tuple[Any, ...]
 ) -> None:
     before.write_text(scenario_text())
     interface, channel, options, *named = case

@@ -13,14 +13,15 @@ from hil.review import table3
 from tests.cli.cli_bench import CONFIG
 
 
-def drawn(figures: dict[str, Figures]):
-    console = Console(file=StringIO(), width=90)
+def drawn(figures: dict[str, Figures]) -> str:
+    page = StringIO()
+    console = Console(file=page, width=90)
     for part in both(figures, demo_command.RIGS):
         console.print(part)
-    return console.file.getvalue()
+    return page.getvalue()
 
 
-def row(text, *names: str):
+def row(text: str, *names: str) -> list[str]:
     """The cells of the one row of the last table that has these words."""
     (line,) = (line for line in text.split("Nobody tells")[1].splitlines() if all(name in line for name in names))
     return [cell.strip() for cell in line.strip("│").split("│")]

@@ -3,6 +3,7 @@
 import json
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -43,7 +44,7 @@ def faulty_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Result, 
     return folder / "run", result, scenario
 
 
-def figures(folder: Path):
+def figures(folder: Path) -> Any:
     return json.loads((folder / "kpi.json").read_text())
 
 

@@ -189,13 +189,14 @@ class Reference:
         changes |= {edge for _, *edges in story.windows for edge in edges}
         times = sorted(t for t in changes if t <= story.duration_s)
         h, q = self.truth.levels((3.0, 3.0)), np.zeros(2)
-        law, law_for = None, None
+        law: Law | None = None
+        law_for: tuple[Any, tuple[float, float]] | None = None
         integrals = {0.0: np.zeros(2)}
         iae = np.zeros(2)
         for start, end in pairwise(times):
             r = self._asked(start)
             believed = self._left(start - story.delay_s) if story.reconfigure else (1.0, 1.0)
-            if (tuple(r), believed) != law_for:
+            if law is None or (tuple(r), believed) != law_for:
                 new = self.law(r, believed)
                 if law is not None:
                     q = new.integral_for(h, law.effective(h, q))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import Future
 from itertools import pairwise
+from typing import Any
 
 import pytest
 
@@ -14,7 +15,9 @@ from tests.closed_loop.loop_story import Loss, Run, Step, Story
 PERIOD_S = 0.02
 
 
-def story(name: str, duration_s: float, steps: tuple, losses: tuple = (), **choices: float | str | bool) -> Story:
+def story(
+    name: str, duration_s: float, steps: tuple[Step, ...], losses: tuple[Loss, ...] = (), **choices: Any
+) -> Story:
     """Windows: between one event and the next, and the whole."""
     edges = sorted({step.at_s for step in steps} | {loss.at_s for loss in losses} | {duration_s})
     windows = [(f"w{i}", a, b) for i, (a, b) in enumerate(pairwise(edges))]

@@ -2,16 +2,19 @@
 
 import math
 import tomllib
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from hil.core import controller
 from hil.core.closed_loop import LoopConfig
 from hil.core.controller import ControllerConfig, ControllerState
 from hil.core.design import CalibratedDesign, RigDesign, choose_rig_design
-from hil.core.diagnosis.ideal import IdealDetector, NoDetector
+from hil.core.diagnosis.ideal import NoDetector
 from hil.core.estimator import LevelFilter
 from hil.core.interlocks import Limits
 from hil.core.reconfiguration import Reconfiguration
@@ -26,8 +29,8 @@ from hil.core.types import (
     PumpFeedback,
     Quad,
     TickRecord,
-    Timing,
 )
+from tests.narrowing import pair, quad
 
 RIG = tomllib.loads((Path(__file__).resolve().parents[2] / "config/rig.toml").read_text())
 OUTPUT_POLES = tuple(RIG["control"]["output_poles"])
@@ -35,6 +38,9 @@ NOISE_GAIN_MAX = RIG["control"]["noise_gain_max"]
 BENCH = TankModel()
 PERIOD_S = 0.1
 SECOND = 1_000_000_000
+NO_MEASUREMENT: Any = None
+NO_ESTIMATE: Any = None
+"""For detectors that look at neither."""
 OUTFLOW = math.sqrt(2.0 * 981.0)
 
 
@@ -79,17 +85,21 @@ LIMITS = Limits(
 
 
 def measurement(
-    level_V: Quad, *, valid: tuple[bool, ...] = (True, True, True, True), age_s: float = 0.01, readings: int = 5
+    level_V: Sequence[float],
+    *,
+    valid: tuple[bool, bool, bool, bool] = (True, True, True, True),
+    age_s: float = 0.01,
+    readings: int = 5,
 ) -> Measurement:
-    return Measurement(tuple(level_V), valid, age_s, readings)
+    return Measurement(quad(level_V), valid, age_s, readings)
 
 
 def inputs(
-    level_V,
+    level_V: Sequence[float],
     applied_V: Pair = (0.0, 0.0),
     state: NodeState = NodeState.RUN,
     shortfall_V: Pair = (0.0, 0.0),
-    **changes: Timing,
+    **changes: Any,
 ) -> Inputs:
     """What a healthy bench would say."""
     healthy = Inputs(
@@ -101,14 +111,14 @@ def inputs(
     return replace(healthy, **changes)
 
 
-def volts(level_cm: Quad):
-    return tuple(0.5 * h for h in level_cm)
+def volts(level_cm: Sequence[float]) -> Quad:
+    return quad(0.5 * h for h in level_cm)
 
 
 def bench_loop(
     design: CalibratedDesign | None = None,
-    references: tuple[tuple[float, Pair]] | None = None,
-    **changes: IdealDetector | bool,
+    references: tuple[tuple[float, Pair], ...] | None = None,
+    **changes: Any,
 ) -> LoopConfig:
     h1, h2, _, _ = equilibrium(BENCH, (3.0, 3.0))
     loop = LoopConfig(
@@ -131,11 +141,11 @@ class Plant:
         self.level_cm = equilibrium(model, start_V)
         self.effectiveness = (1.0, 1.0)
 
-    def advance(self, applied_V: Pair | None, dt_s: float) -> None:
-        drive = tuple(e * v for e, v in zip(self.effectiveness, applied_V, strict=True))
+    def advance(self, applied_V: Pair, dt_s: float) -> None:
+        drive = pair(e * v for e, v in zip(self.effectiveness, applied_V, strict=True))
 
-        def rates(h):
-            return np.array(level_rates(self.model, tuple(np.maximum(h, 0.0)), drive))
+        def rates(h: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+            return np.array(level_rates(self.model, quad(np.maximum(h, 0.0)), drive))
 
         h = np.array(self.level_cm)
         k1 = rates(h)
@@ -146,7 +156,12 @@ class Plant:
 
 
 def run(
-    config: ControllerConfig, plant: Plant, steps: int, faults=None, on_step=None, late_ns=None
+    config: ControllerConfig,
+    plant: Plant,
+    steps: int,
+    faults: dict[int, Pair] | None = None,
+    on_step: Callable[[int, Inputs], Inputs] | None = None,
+    late_ns: dict[int, int] | None = None,
 ) -> tuple[controller.ControllerState, list[TickRecord]]:
     """Close the loop in process: the records of all steps in control.
 

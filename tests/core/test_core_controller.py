@@ -12,10 +12,12 @@ from hil.core.controller import ControllerState
 from hil.core.design import CalibratedDesign
 from hil.core.diagnosis.ideal import IdealDetector, NoDetector, PumpFault
 from hil.core.tanks import TankModel, equilibrium
-from hil.core.types import Mode, NodeState, Pair, Severity, TickRecord, Timing, TripCause
+from hil.core.types import Inputs, Mode, NodeState, Pair, Severity, TickRecord, Timing, TripCause
 from tests.core.core_bench import (
     BENCH,
     CALIBRATED,
+    NO_ESTIMATE,
+    NO_MEASUREMENT,
     PERIOD_S,
     SECOND,
     Plant,
@@ -26,13 +28,14 @@ from tests.core.core_bench import (
     run,
     volts,
 )
+from tests.narrowing import not_none, quad
 
 REST = equilibrium(BENCH, (3.0, 3.0))
 REST_V = volts(REST)[:2]
 STEP_V = 0.3
 
 
-def stepped(at_s: float = 20.0, change_V: float = STEP_V):
+def stepped(at_s: float = 20.0, change_V: float = STEP_V) -> tuple[tuple[float, Pair], ...]:
     return ((0.0, REST_V), (at_s, (REST_V[0] + change_V, REST_V[1] + change_V)))
 
 
@@ -42,14 +45,14 @@ def wrong_by_5_percent(sign: float = 1.0) -> TankModel:
     scale = [1 + s, 1 - s, 1 + s, 1 - s]
     return replace(
         BENCH,
-        area_cm2=tuple(a * f for a, f in zip(BENCH.area_cm2, scale, strict=True)),
-        outlet_cm2=tuple(a * f for a, f in zip(BENCH.outlet_cm2, reversed(scale), strict=True)),
+        area_cm2=quad(a * f for a, f in zip(BENCH.area_cm2, scale, strict=True)),
+        outlet_cm2=quad(a * f for a, f in zip(BENCH.outlet_cm2, reversed(scale), strict=True)),
         pump_gain_cm3_Vs=(3.33 * (1 - s), 3.35 * (1 + s)),
         valve_split=(0.70 * (1 + s), 0.60 * (1 - s)),
     )
 
 
-def codes(records: list[TickRecord]):
+def codes(records: list[TickRecord]) -> list[tuple[float, str]]:
     return [(round(r.t_s, 6), e.code) for r in records for e in r.events if e.code != "mode"]
 
 
@@ -117,7 +120,7 @@ def test_run_time_counts_from_the_first_step_in_control() -> None:
         outputs.append(output)
     assert [o.record is None for o in outputs] == [True, False, False, False]
     assert [o.command.enable for o in outputs] == [False, True, True, True]
-    assert [round(o.record.t_s, 9) for o in outputs[1:]] == [0.0, 0.1, 0.2]
+    assert [round(not_none(o.record).t_s, 9) for o in outputs[1:]] == [0.0, 0.1, 0.2]
     assert [e.text for e in outputs[0].events] == ["DISARMED -> READY"]
     assert [e.text for e in outputs[1].events] == ["READY -> RUNNING"]
 
@@ -188,8 +191,9 @@ def test_the_effective_voltage_does_not_jump_when_the_law_changes(design: Calibr
     """The same step from the same state, with and without the change: v theta is the same, v is not."""
     loop = bench_loop(design, stepped(1.0), detector=IdealDetector((), 0.0))
     state, _ = run(controller_config(loop), Plant(wrong_by_5_percent()), 60)
-    state = replace(state, loop=replace(state.loop, integral_Vs=(3.0, -2.0)))
-    seen = inputs(volts(tuple(h + 0.1 for h in REST)), (3.0, 3.0))
+    state = replace(state, loop=replace(not_none(state.loop), integral_Vs=(3.0, -2.0)))
+    seen = inputs(volts(quad(h + 0.1 for h in REST)), (3.0, 3.0))
+    assert state.loop is not None
     now = state.loop.stepped_ns + SECOND // 10
     changed = (
         replace(loop, detector=IdealDetector((PumpFault(0.0, 1, 0.4), PumpFault(0.0, 2, 0.8)), 0.0))
@@ -198,8 +202,11 @@ def test_the_effective_voltage_does_not_jump_when_the_law_changes(design: Calibr
     )
     _, same = controller.step(controller_config(loop), state, seen, now)
     after, moved = controller.step(controller_config(changed), state, seen, now)
+    assert after.loop is not None
     assert after.loop.law != state.loop.law
+    assert moved.record is not None
     effective = np.array(moved.record.raw_V) * np.array(after.loop.law.effectiveness)
+    assert same.record is not None
     assert effective == pytest.approx(np.array(same.record.raw_V), abs=1e-9)
 
 
@@ -209,7 +216,7 @@ def test_a_reference_out_of_reach_is_replaced_and_said() -> None:
     warned = [e for r in records for e in r.events if e.code == "target"]
     assert len(warned) == 1
     assert warned[0].severity is Severity.WARNING
-    assert warned[0].data["reason"].startswith("pump 1 would need 3.00 V of 2.00 V")
+    assert str(warned[0].data["reason"]).startswith("pump 1 would need 3.00 V of 2.00 V")
     last = records[-1]
     assert last.reference_V == REST_V
     assert last.target_V[0] < REST_V[0] - 0.5
@@ -231,7 +238,7 @@ FIRST, LATER = PumpFault(1.0, 1, 0.8), PumpFault(2.0, 1, 0.5, until_s=3.0)
 
 
 def reported(detector: IdealDetector, t_s: float, memory: Pair = (1.0, 1.0)) -> Pair:
-    return detector.step(memory, t_s, None, None, (3.0, 3.0))[1].effectiveness
+    return detector.step(memory, t_s, NO_MEASUREMENT, NO_ESTIMATE, (3.0, 3.0))[1].effectiveness
 
 
 @pytest.mark.parametrize("faults", [(FIRST, LATER), (LATER, FIRST)], ids=["in order", "out of order"])
@@ -275,13 +282,13 @@ def test_each_change_is_alarmed_once() -> None:
     detector = IdealDetector((FIRST, LATER), 0.0)
     memory, alarms = detector.start(), []
     for number in range(50):
-        memory, diagnosis = detector.step(memory, number * 0.1, None, None, (3.0, 3.0))
+        memory, diagnosis = detector.step(memory, number * 0.1, NO_MEASUREMENT, NO_ESTIMATE, (3.0, 3.0))
         alarms += [(round(a.detected_s, 6), a.target, a.size) for a in diagnosis.new_alarms]
     assert alarms == [(1.0, 1, 0.8), (2.0, 1, 0.5), (3.0, 1, 0.8)]
 
 
 def test_no_detector_says_nothing() -> None:
-    memory, diagnosis = NoDetector().step(NoDetector().start(), 1e6, None, None, (0.0, 0.0))
+    memory, diagnosis = NoDetector().step(NoDetector().start(), 1e6, NO_MEASUREMENT, NO_ESTIMATE, (0.0, 0.0))
     assert memory is None
     assert diagnosis.effectiveness == (1.0, 1.0)
     assert diagnosis.new_alarms == ()
@@ -327,6 +334,7 @@ def test_record_passes_on_what_was_seen() -> None:
     state, _ = controller.step(controller_config(), state, inputs(volts(REST), state=NodeState.READY), SECOND)
     state, output = controller.step(controller_config(), state, seen, SECOND + SECOND // 10)
     record = output.record
+    assert record is not None
     assert record.measured_V == volts(REST)
     assert record.applied_V == (1.5, 2.5)
     assert (record.levels_age_s, record.status_age_s) == (0.017, 0.02)
@@ -366,9 +374,11 @@ def test_after_a_stall_integrals_and_estimate_move_by_a_few_periods_at_most() ->
     config = controller_config(loop)
     state, _ = run(config, Plant(), 20)
     seen = inputs(volts(REST), (0.0, 0.0))
+    assert state.loop is not None
     gap_ns = state.loop.stepped_ns + 10 * SECOND
     blind = replace(seen, measurement=measurement(volts(REST), readings=0))
     after, output = controller.step(config, state, blind, gap_ns)
+    assert after.loop is not None
     moved = np.array(after.loop.integral_Vs) - np.array(state.loop.integral_Vs)
     assert np.abs(moved).max() < closed_loop.MAX_PREDICTED_PERIODS * PERIOD_S * 2.0
     longest = Plant()
@@ -376,6 +386,7 @@ def test_after_a_stall_integrals_and_estimate_move_by_a_few_periods_at_most() ->
     for _ in range(int(closed_loop.MAX_PREDICTED_PERIODS)):
         longest.advance((0.0, 0.0), PERIOD_S)
     assert after.loop.estimate.level_cm == pytest.approx(longest.level_cm, abs=1e-3)
+    assert output.record is not None
     assert output.record.t_s == pytest.approx((gap_ns - state.loop.started_ns) / SECOND)
 
 
@@ -383,8 +394,11 @@ def test_two_steps_at_one_time_do_not_count_twice() -> None:
     config = controller_config()
     state, _ = run(config, Plant(), 20)
     seen = inputs(volts(REST), (3.0, 3.0))
+    assert state.loop is not None
     again, output = controller.step(config, state, seen, state.loop.stepped_ns)
+    assert again.loop is not None
     assert again.loop.estimate == state.loop.estimate
+    assert output.record is not None
     assert output.record.iae_Vs == state.loop.iae_Vs
 
 
@@ -392,10 +406,14 @@ def test_shortfall_of_the_node_counts_as_not_applied() -> None:
     """A node that gives less than it was told is a saturated pump to the integrals."""
     config = controller_config()
     state, _ = run(config, Plant(), 100)
+    assert state.loop is not None
     now = state.loop.stepped_ns + SECOND // 10
     told, _ = controller.step(config, state, inputs(volts(REST), (3.0, 3.0)), now)
     short, _ = controller.step(config, state, inputs(volts(REST), (2.0, 3.0), shortfall_V=(1.0, 0.0)), now)
+    assert short.loop is not None
+    assert told.loop is not None
     pulled = np.array(short.loop.integral_Vs) - np.array(told.loop.integral_Vs)
+    assert told.loop is not None
     inverse = np.array(told.loop.law.gains.integral_inverse)
     assert pulled == pytest.approx(inverse @ (PERIOD_S / 5.0 * np.array([1.0, 0.0])))
 
@@ -415,7 +433,7 @@ def test_a_failed_step_trips_at_0_volts_and_keeps_the_loop() -> None:
 
 
 def test_records_go_on_after_a_trip_with_the_pumps_off() -> None:
-    def flood(number, seen):
+    def flood(number: int, seen: Inputs) -> Inputs:
         return inputs((9.6, *seen.measurement.level_V[1:])) if number == 30 else seen
 
     state, records = run(controller_config(), Plant(), 60, on_step=flood)
@@ -435,9 +453,11 @@ def test_running_pumps_are_taken_over_at_the_voltages_they_have() -> None:
         state, _ = controller.step(controller_config(), started, seen, 0)
         state, output = controller.step(controller_config(), state, seen, SECOND // 10)
         if expected is None:
+            assert output.record is not None
             assert output.record.integral_Vs == (0.0, 0.0)
             assert output.record.raw_V != pytest.approx((0.0, 0.0), abs=0.5)
         else:
+            assert output.record is not None
             assert output.record.raw_V == pytest.approx(expected)
 
 

@@ -1,6 +1,8 @@
 """The two designs: decoupling, noise, robustness against the loss of one pump, refusals."""
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import control
 import numpy as np
@@ -25,12 +27,13 @@ from tests.core.core_bench import BENCH, CALIBRATED, NOISE_GAIN_MAX, OUTPUT_POLE
 CROSSED = replace(BENCH, valve_split=(0.43, 0.34))
 
 
-def response(linear: LinearModel, K: Array, frequency_rad_s: npt.NDArray[np.float64]):
+def response(linear: LinearModel, K: Array, frequency_rad_s: npt.NDArray[np.float64]) -> npt.NDArray[Any]:
     """(2, 2, n) closed loop from r to y; q' = r - y drives the augmented model."""
     A, B = augment(linear)
     drive = np.vstack([np.zeros((4, 2)), np.eye(2)])
     system = control.ss(A - B @ K, drive, np.hstack([linear.C, np.zeros((2, 2))]), np.zeros((2, 2)))
-    return control.frequency_response(system, frequency_rad_s).complex
+    answer: npt.NDArray[Any] = control.frequency_response(system, frequency_rad_s).complex
+    return answer
 
 
 FREQUENCIES = np.geomspace(1e-4, 10.0, 40)
@@ -115,7 +118,7 @@ def test_noise_bound_is_met_by_slowing_all_poles_alike(bound: float) -> None:
         assert all(noise_gain(d.structure(linear).K, 0.5) > bound for d in all_pairings(before))
 
 
-def all_pairings(poles) -> list[RigDesign]:
+def all_pairings(poles: Sequence[float]) -> list[RigDesign]:
     a, b, c, d = poles
     pairs = [((a, b), (c, d)), ((a, c), (b, d)), ((a, d), (b, c))]
     return [RigDesign(p) for p in pairs] + [RigDesign((p[1], p[0])) for p in pairs]

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.signal import place_poles
 
 from hil.core.eigenstructure import DesignError, Eigenstructure, assign, augment
-from hil.core.tanks import printed_linear_model
+from hil.core.tanks import Array, printed_linear_model
 from tests.core.core_bench import CALIBRATED, at, rig_design
 
 TABLE_3_GAIN = [
@@ -29,7 +30,7 @@ def _no_warnings() -> Iterator[None]:
         yield
 
 
-def poles_of(rng: np.random.Generator, n: int, kind: str):
+def poles_of(rng: np.random.Generator, n: int, kind: str) -> npt.NDArray[Any]:
     """Separate stable poles: all real, with conjugate pairs, or with one real pole twice."""
     if kind == "pairs":
         pairs = [complex(-a, b) for a, b in zip(1.0 + np.arange(n // 2), rng.uniform(0.3, 3.0, n // 2), strict=True)]
@@ -41,7 +42,7 @@ def poles_of(rng: np.random.Generator, n: int, kind: str):
     return poles
 
 
-def request(seed: int, n: int, n_u: int, kind: str):
+def request(seed: int, n: int, n_u: int, kind: str) -> tuple[Array, Array, npt.NDArray[Any], npt.NDArray[Any]]:
     """A random system, poles and parameters (conjugate where the poles are)."""
     rng = np.random.default_rng(seed)
     A = rng.normal(size=(n, n))
@@ -60,12 +61,12 @@ def request(seed: int, n: int, n_u: int, kind: str):
 
 @settings(max_examples=80, deadline=None)
 @given(SEEDS, st.integers(2, 6), st.integers(2, 3), st.sampled_from(["real", "pairs", "twice"]))
-def test_every_pole_and_eigenvector_asked_for_is_achieved(seed: int, n: int, n_u: int, kind) -> None:
+def test_every_pole_and_eigenvector_asked_for_is_achieved(seed: int, n: int, n_u: int, kind: str) -> None:
     A, B, poles, W = request(seed, n, n_u, kind)
     achieved = assign(A, B, poles, W)
     assert achieved.K.dtype == float
     assert achieved.K.shape == (n_u, n)
-    accuracy = 1e-13 * achieved.cond_v * max(np.linalg.norm(B @ achieved.K), 10.0)
+    accuracy = 1e-13 * achieved.cond_v * max(float(np.linalg.norm(B @ achieved.K)), 10.0)
     assert achieved.requested_poles == pytest.approx(poles)
     closed = A - B @ achieved.K
     assert closed @ achieved.V == pytest.approx(achieved.V * poles, abs=accuracy)
@@ -85,7 +86,7 @@ def test_poles_come_out_to_1e_9(seed: int, kind: str) -> None:
     assert np.linalg.eigvals(A - B @ achieved.K) == pytest.approx(achieved.achieved_poles[order_of(A, B, achieved)])
 
 
-def order_of(A, B, achieved: Eigenstructure):
+def order_of(A: Array, B: Array, achieved: Eigenstructure) -> list[int]:
     """Places of the achieved poles in numpy's order of eigenvalues."""
     return [int(np.argmin(np.abs(achieved.achieved_poles - p))) for p in np.linalg.eigvals(A - B @ achieved.K)]
 
@@ -107,7 +108,7 @@ def test_one_input_leaves_no_freedom() -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(SEEDS, st.lists(st.floats(-6.0, 6.0), min_size=4, max_size=4), st.booleans())
-def test_only_the_direction_of_a_parameter_matters(seed: int, exponents, flip: bool) -> None:
+def test_only_the_direction_of_a_parameter_matters(seed: int, exponents: list[float], flip: bool) -> None:
     A, B, poles, W = request(seed, 4, 2, "real")
     scale = 10.0 ** np.array(exponents) * (-1.0 if flip else 1.0)
     plain, scaled = assign(A, B, poles, W), assign(A, B, poles, W * scale)

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from hil.core import estimator
 from hil.core.estimator import LevelFilter
 from hil.core.tanks import equilibrium
-from hil.core.types import Pair
+from hil.core.types import Pair, Quad
 from tests.core.core_bench import BENCH, PERIOD_S, Plant, measurement, volts
+from tests.narrowing import quad
 
 HEALTHY = (1.0, 1.0)
 REST = equilibrium(BENCH, (3.0, 3.0))
@@ -112,7 +113,7 @@ def test_a_filter_time_of_zero_believes_the_readings() -> None:
 @pytest.mark.parametrize("channel", range(4))
 def test_a_channel_that_is_not_valid_is_only_predicted(channel: int) -> None:
     filter_ = filter_with()
-    valid = tuple(i != channel for i in range(4))
+    valid = quad(i != channel for i in range(4))
     read = tuple(y + 0.2 for y in volts(REST))
     estimate = estimator.step(filter_, started(filter_), (3.0, 3.0), HEALTHY, measurement(read, valid=valid), PERIOD_S)
     for i in range(4):
@@ -155,7 +156,9 @@ READINGS = st.tuples(*[st.floats(-1.0, 11.0)] * 4)
 
 @settings(max_examples=100, deadline=None)
 @given(LEVELS, VOLTS, READINGS, st.floats(0.001, 0.5), st.sampled_from([0.0, 0.2]), st.sampled_from([0.0, 0.5]))
-def test_no_level_is_negative(levels, applied: Pair, read, period_s: float, lag_s, filter_s) -> None:
+def test_no_level_is_negative(
+    levels: Quad, applied: Pair, read: Quad, period_s: float, lag_s: float, filter_s: float
+) -> None:
     filter_ = filter_with(lag_s, filter_s)
     estimate = estimator.step(filter_, started(filter_, levels), applied, HEALTHY, measurement(read), period_s)
     assert min(estimate.level_cm) >= 0.0
@@ -164,7 +167,7 @@ def test_no_level_is_negative(levels, applied: Pair, read, period_s: float, lag_
 
 @settings(max_examples=50, deadline=None)
 @given(LEVELS, st.floats(0.001, 0.5))
-def test_a_predicted_level_does_not_pass_the_rim(levels, period_s: float) -> None:
+def test_a_predicted_level_does_not_pass_the_rim(levels: Quad, period_s: float) -> None:
     filter_ = filter_with()
     estimate = started(filter_, levels)
     blind = measurement((math.nan,) * 4, valid=NONE, readings=0)

@@ -2,8 +2,10 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 import scipy.linalg
 from hypothesis import given, settings
@@ -22,8 +24,9 @@ from hil.core.tanks import (
     through_flow_matrix,
     transmission_zeros,
 )
-from hil.core.types import Pair
+from hil.core.types import Pair, Quad
 from tests.core.core_bench import BENCH, OUTFLOW, at
+from tests.narrowing import pair, quad
 
 LEVEL = st.floats(0.05, 20.0)
 VOLT = st.floats(0.5, 10.0)
@@ -31,7 +34,7 @@ SPLIT = st.floats(0.05, 0.95)
 
 
 @st.composite
-def tank_models(draw) -> TankModel:
+def tank_models(draw: st.DrawFn) -> TankModel:
     """Quadruple tanks of any size, with the two lower levels at least a little independent."""
     areas = st.floats(5.0, 100.0)
     outlets = st.floats(0.02, 0.5)
@@ -75,7 +78,7 @@ def test_no_voltage_means_empty_tanks() -> None:
 @settings(max_examples=60)
 @given(tank_models(), st.tuples(*[st.floats(0.0, 20.0)] * 4), st.tuples(*[st.floats(0.0, 10.0)] * 2))
 def test_what_the_pumps_bring_and_the_lower_outlets_drain_is_what_the_tanks_gain(
-    model: TankModel, levels, pump_V
+    model: TankModel, levels: Quad, pump_V: Pair
 ) -> None:
     gained = sum(a * rate for a, rate in zip(model.area_cm2, level_rates(model, levels, pump_V), strict=True))
     pumped = sum(k * v for k, v in zip(model.pump_gain_cm3_Vs, pump_V, strict=True))
@@ -89,8 +92,8 @@ def test_every_tank_feels_only_its_own_flows(tank: int) -> None:
     levels = [9.0, 9.0, 4.0, 4.0]
     more = list(levels)
     more[tank] += 1.0
-    before = level_rates(BENCH, tuple(levels), (3.0, 3.0))
-    after = level_rates(BENCH, tuple(more), (3.0, 3.0))
+    before = level_rates(BENCH, quad(levels), (3.0, 3.0))
+    after = level_rates(BENCH, quad(more), (3.0, 3.0))
     flow = BENCH.outlet_cm2[tank] * OUTFLOW * (math.sqrt(more[tank]) - math.sqrt(levels[tank]))
     expected = [0.0] * 4
     expected[tank] = -flow / BENCH.area_cm2[tank]
@@ -113,16 +116,17 @@ def test_at_rest_all_that_is_pumped_leaves_through_the_lower_outlets() -> None:
 
 @settings(max_examples=60)
 @given(tank_models(), st.tuples(LEVEL, LEVEL, LEVEL, LEVEL), VOLT, VOLT)
-def test_linear_model_is_the_derivative_of_the_rates(model: TankModel, levels, v1: float, v2: float) -> None:
+def test_linear_model_is_the_derivative_of_the_rates(model: TankModel, levels: Quad, v1: float, v2: float) -> None:
     linear = linearise(model, levels)
 
-    def difference(i, step, of_levels):
+    def difference(i: int, step: float, of_levels: bool) -> npt.NDArray[np.float64]:
         up, down = [*levels, v1, v2], [*levels, v1, v2]
         index = i if of_levels else 4 + i
         up[index] += step
         down[index] -= step
-        rates = [np.array(level_rates(model, tuple(x[:4]), tuple(x[4:]))) for x in (up, down)]
-        return (rates[0] - rates[1]) / (2.0 * step)
+        rates = [np.array(level_rates(model, quad(x[:4]), pair(x[4:]))) for x in (up, down)]
+        slope: npt.NDArray[np.float64] = (rates[0] - rates[1]) / (2.0 * step)
+        return slope
 
     for i in range(4):
         column = difference(i, 1e-3 * levels[i], of_levels=True)
@@ -148,7 +152,7 @@ def test_a_linear_model_can_not_be_written_to() -> None:
         model.A[0, 0] = 2.0
 
 
-def rosenbrock_zeros(linear: LinearModel):
+def rosenbrock_zeros(linear: LinearModel) -> Any:
     """Generalised eigenvalues of [A - sI, B; C, 0]: the finite ones are the transmission zeros."""
     M = np.block([[linear.A, linear.B], [linear.C, np.zeros((2, 2))]])
     N = np.zeros((6, 6))
@@ -210,11 +214,11 @@ def nearest_on_a_grid(model: TankModel, lower_cm: Pair, limit_V: Pair) -> float:
     st.sampled_from([(0.7, 0.6), (0.43, 0.34)]),
 )
 def test_levels_out_of_reach_move_to_the_nearest_in_reach(
-    h1: float, h2: float, limit1: float, limit2: float, splits
+    h1: float, h2: float, limit1: float, limit2: float, splits: Pair
 ) -> None:
     model = replace(BENCH, valve_split=splits)
     target = nearest_reachable(model, (h1, h2), (limit1, limit2))
-    held = equilibrium(model, tuple(max(v, 0.0) for v in target.holding_V))
+    held = equilibrium(model, pair(max(v, 0.0) for v in target.holding_V))
     assert held[:2] == pytest.approx(target.lower_cm, abs=1e-6)
     if target.reason == "":
         return
@@ -274,4 +278,4 @@ def test_an_empty_tank_has_no_linear_model(tank: int) -> None:
     levels = [5.0] * 4
     levels[tank] = 0.0
     with pytest.raises(ValueError, match="empty tank"):
-        linearise(BENCH, tuple(levels))
+        linearise(BENCH, quad(levels))

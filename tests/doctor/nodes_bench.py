@@ -1,5 +1,7 @@
 """Pump nodes with one thing wrong each, as a firmware under development may have it."""
 
+from typing import Any
+
 import can
 import pytest
 
@@ -282,7 +284,7 @@ def tried(
     with_pumps: bool = False,
     pump_node: bool = True,
     level_node: bool = False,
-    **bench: int,
+    **bench: Any,
 ) -> tuple[dict[str, Result], LockstepBench]:
     """Results by name, and the bench: the node in the place of the emulator's."""
     monkeypatch.setattr(firmware_sim.rig, "PumpNode", node)

@@ -51,6 +51,7 @@ def test_the_emulator_is_found_fit_without_moving_a_pump_and_left_as_it_was(tmp_
 @pytest.mark.live
 def test_a_bench_that_is_not_fit_is_told_and_why(tmp_path: Path) -> None:
     with emulator(tmp_path / "node.jsonl", "--control", tmp_path / "control") as node:
+        assert node.process.stdout is not None
         node.process.stdout.readline()
 
         with socket.socket(socket.AF_UNIX) as control:

@@ -40,6 +40,7 @@ class Host(SlcanBus):
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         assert timeout == 0.0, "lockstep never waits"
+        assert self.far is not None
         self.far.deliver(self)
         return super().recv(0.0)
 

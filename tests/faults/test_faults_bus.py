@@ -31,6 +31,7 @@ from tests.faults.faults_bench import (
     story,
 )
 from tests.live.live_bench import PLAIN, controller, emulator, wait_for, write_scenario
+from tests.narrowing import not_none
 
 AT_S = 5.0
 GOOD = b"\x11\x22\x33\x44\x55\x66\x77"
@@ -301,7 +302,7 @@ def test_case_26_slcan_line_without_end() -> None:
             adapter.port.receive(0.005)
             assert adapter.bus.lines.kept <= LONGEST_LINE == 1024
         adapter.say(b"\r" + line(data=GOOD))
-        assert bytes(next_frame(adapter.port).data) == GOOD
+        assert bytes(not_none(next_frame(adapter.port)).data) == GOOD
 
 
 @pytest.mark.parametrize("from_s", [0.0, AT_S])

@@ -3,6 +3,7 @@
 import pytest
 
 from tests.faults.faults_bench import MOVING, RIM_CM, assert_no_trip, fault, first, play, story
+from tests.narrowing import not_none
 
 AT_S = 25.0
 TANKS = (1, 2, 3, 4)
@@ -22,7 +23,7 @@ def test_case_41_leak(tank: int, share: float) -> None:
     """A leak is called one within 20 s, and never a pump's fault."""
     run = play(watched(fault("leak", AT_S, tank, share)))
     assert_no_trip(run)
-    assert run.finding(f"leak {tank}").isolated_s <= AT_S + 20.0, run.told
+    assert not_none(run.finding(f"leak {tank}").isolated_s) <= AT_S + 20.0, run.told
     assert not [name for name in run.names if name.startswith(PUMP_KINDS)]
     assert run.ticks[-1].effectiveness == (1.0, 1.0)
 
@@ -54,7 +55,7 @@ def test_case_44_valve_split_drifts(pump: int, by: float) -> None:
     steps = [fault("valve_split", AT_S + i, pump, SPLIT[pump - 1] + by * (i + 1) / 5) for i in range(5)]
     run = play(watched(*steps, duration_s=70.0))
     assert_no_trip(run)
-    alarms = [f for f in run.findings if f.detected_s <= AT_S + 30.0]
+    alarms = [f for f in run.findings if not_none(f.detected_s) <= AT_S + 30.0]
     assert alarms, "it is spoken of"
     assert not [name for name in run.names if name.startswith(("sensor", *PUMP_KINDS))], run.told
 

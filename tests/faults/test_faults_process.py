@@ -125,7 +125,7 @@ def test_case_52_disk_full_in_the_run(tmp_path: Path) -> None:
     assert lost.t_s - (logged[-1] - logged[0]) <= 2 * 0.1 + 8192 / 5000, "two flushes, and what the file's buffer held"
 
 
-def commands_s_of_whole_lines(log):
+def commands_s_of_whole_lines(log: Path):
     """Times of the commands in a can.log that may end in the middle of a line."""
     lines = log.read_text().split("\n")[:-1]
     return [float(line[1 : line.index(")")]) for line in lines if " 201#" in line]

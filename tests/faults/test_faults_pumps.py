@@ -40,6 +40,7 @@ def test_case_38_pump_loses_gain(pump: int, lost: float) -> None:
     assert AT_S <= min(f.detected_s for f in run.findings) <= AT_S + 10.0, run.told
     if lost > 0.15:
         found = run.finding(f"pump_effectiveness {pump}")
+        assert found.isolated_s is not None
         assert found.isolated_s <= AT_S + 10.0
         assert run.times("reconfigured")[0] <= AT_S + 10.0
         assert run.ticks[-2].effectiveness[pump - 1] == pytest.approx(1.0 - lost, abs=0.05)
@@ -53,6 +54,7 @@ def test_case_39_pump_dead(pump: int, policy: str) -> None:
     run = play(watched(fault("pump_dead", AT_S, pump), rig={"safety": {"dead_pump": policy}}))
     assert run.trips == []
     found = run.finding(f"pump_dead {pump}", f"pump_effectiveness {pump}")
+    assert found.isolated_s is not None
     assert found.isolated_s <= AT_S + 5.0
     if policy == "stop":
         assert (run.outcome.status, run.outcome.reason) == ("stopped", "pump_dead")

@@ -21,6 +21,7 @@ from tests.faults.faults_bench import (
     play,
     story,
 )
+from tests.narrowing import not_none
 
 AT_S = 25.0
 SENSORS = (1, 2, 3, 4)
@@ -36,6 +37,7 @@ def watched(*faults, duration_s: float = 45.0, **more):
 
 def assert_substituted(run: Run, sensor: int, from_s: float | None) -> None:
     """From then on the outputs follow their references all the same, by truth."""
+    assert from_s is not None
     ends = [
         t for t in zip(run.ticks, run.keeper.truths, strict=True) if t[0].t_s > from_s and t[0].mode is Mode.DEGRADED
     ]
@@ -50,6 +52,7 @@ def test_case_31_sensor_stuck(sensor: int) -> None:
     run = play(watched(fault("sensor_stuck", AT_S, sensor)))
     assert_no_trip(run)
     found = run.finding(f"sensor_stuck {sensor}")
+    assert found.isolated_s is not None
     assert AT_S <= found.isolated_s <= AT_S + 5.0
     assert run.names == [f"sensor_stuck {sensor}"]
     assert_substituted(run, sensor, found.isolated_s)
@@ -63,7 +66,7 @@ def test_case_31_sensor_stuck_while_levels_still_move(seed: int, at_s: float, se
     """In the first seconds, while the levels run: the same, and whatever was suspected before is taken back."""
     run = play(watched(fault("sensor_stuck", at_s, sensor)), seed=seed)
     assert_no_trip(run)
-    assert run.finding(f"sensor_stuck {sensor}").isolated_s <= at_s + 5.0
+    assert not_none(run.finding(f"sensor_stuck {sensor}").isolated_s) <= at_s + 5.0
     assert_substituted(run, sensor, at_s + 5.0)
 
 
@@ -74,6 +77,7 @@ def test_case_32_sensor_drifts(sensor: int, rate_V_s: float) -> None:
     run = play(watched(fault("sensor_drift", AT_S, sensor, rate_V_s), duration_s=60.0))
     assert_no_trip(run)
     found = run.finding(f"sensor_drift {sensor}", f"sensor_bias {sensor}")
+    assert found.isolated_s is not None
     assert abs(rate_V_s) * (found.isolated_s - AT_S) / GAIN_V_CM < 2.0, run.told
     off_cm = [
         abs(tick.estimated_V[sensor - 1] / GAIN_V_CM - truth.levels_cm[sensor - 1])
@@ -94,6 +98,7 @@ def test_case_33_sensor_bias_steps(sensor: int, bias_V: float) -> None:
     run = play(watched(fault("sensor_bias", AT_S, sensor, bias_V)))
     assert_no_trip(run)
     found = run.finding(f"sensor_bias {sensor}")
+    assert found.isolated_s is not None
     assert AT_S <= found.isolated_s <= AT_S + 3.0
     settled = [
         abs(tick.estimated_V[sensor - 1] / GAIN_V_CM - truth.levels_cm[sensor - 1])
@@ -118,6 +123,7 @@ def test_case_34_sensor_open_or_short(sensor: int, kind: str) -> None:
     run = play(watched(befallen))
     assert_no_trip(run)
     found = run.finding(f"sensor_open {sensor}")
+    assert found.isolated_s is not None
     assert found.isolated_s <= AT_S + 3 * SAMPLE_S + T_S
     assert_substituted(run, sensor, found.isolated_s)
 
@@ -172,6 +178,7 @@ def test_case_36_sensor_garbage(sensor: int) -> None:
     run = play(watched(fault("sensor_garbage", AT_S, sensor)))
     assert_no_trip(run)
     found = run.finding(f"sensor_garbage {sensor}")
+    assert found.isolated_s is not None
     assert found.isolated_s <= AT_S + 3 * SAMPLE_S + T_S, run.told
     assert_substituted(run, sensor, found.isolated_s)
 
@@ -181,6 +188,7 @@ def test_case_37_two_sensors_fail(first: int, second: int) -> None:
     """With the second sensor gone the rig is safe, one tick after it has been isolated."""
     run = play(watched(fault("sensor_stuck", AT_S, first), fault("sensor_open", AT_S + 5.0, second)))
     isolated_s = run.finding(f"sensor_open {second}").isolated_s
+    assert isolated_s is not None
     assert_tripped(run, AT_S + 5.0, isolated_s + T_S - AT_S - 5.0, "sensors_lost", "invalid_levels")
 
 

@@ -24,14 +24,14 @@ class Worn(FaultTable):
 
 
 @pytest.fixture
-def kinds():
+def kinds() -> dict[str, type[FaultTable]]:
     """The catalogue with one more class in one more module."""
     module = ModuleType("more_faults")
     module.Worn, module.FaultTable = Worn, FaultTable
     return kinds_in((*FAMILIES, module))
 
 
-def test_a_new_class_is_a_kind_a_command_and_a_row_of_the_table(kinds):
+def test_a_new_class_is_a_kind_a_command_and_a_row_of_the_table(kinds: dict[str, type[FaultTable]]) -> None:
     assert list(kinds) == [*KINDS, "worn"]
     assert components_for(kinds)["pump"].types.keys() >= {"worn", "off", "pump_dead"}
     row = "| `worn` | pump | 1, 2 | 0 .. 2.5 1/h | `pump worn` | A pump loses `value` of its flow per hour. |\n"
@@ -40,7 +40,7 @@ def test_a_new_class_is_a_kind_a_command_and_a_row_of_the_table(kinds):
 
 
 @pytest.mark.parametrize(("kind", "table"), KINDS.items(), ids=KINDS)
-def test_every_kind_says_what_it_acts_on_its_unit_and_how_to_command_it(kind, table):
+def test_every_kind_says_what_it_acts_on_its_unit_and_how_to_command_it(kind, table) -> None:
     assert table.acts_on
     assert table.words
     assert (table.unit != "") == ("value" in table.model_fields)
@@ -48,6 +48,6 @@ def test_every_kind_says_what_it_acts_on_its_unit_and_how_to_command_it(kind, ta
     assert f"| `{kind}` | {table.acts_on} | " in as_markdown()
 
 
-def test_no_two_kinds_share_a_word_of_a_component():
+def test_no_two_kinds_share_a_word_of_a_component() -> None:
     calls = [(word.component, word.word) for table in KINDS.values() for word in table.words]
     assert len(set(calls)) == len(calls)

@@ -99,6 +99,7 @@ def line_of(process: subprocess.Popen[bytes], timeout_s: float = 10.0) -> str:
     line = b""
     while not line.endswith(b"\n"):
         assert select.select([process.stdout], [], [], timeout_s)[0], "no line in time"
+        assert process.stdout is not None
         byte = os.read(process.stdout.fileno(), 1)
         assert byte, "the process has ended"
         line += byte
@@ -117,6 +118,7 @@ def test_the_process_takes_commands_on_standard_input_and_a_socket(tmp_path: Pat
     try:
         assert line_of(process).startswith("firmware-sim ready")
         assert line_of(process) == f"firmware-sim control: {path}\n"
+        assert process.stdin is not None
         process.stdin.write(b"failure level stuck -i 2\n")
         assert line_of(process) == "ok sensor_stuck 2\n"
         process.stdin.write(b"nonsense\n")
@@ -133,6 +135,7 @@ def test_the_process_takes_commands_on_standard_input_and_a_socket(tmp_path: Pat
         assert not path.exists()
     finally:
         process.kill()
+        assert process.stdin is not None
         process.communicate() if not process.stdin.closed else process.wait()
 
 

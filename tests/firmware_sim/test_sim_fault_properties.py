@@ -80,6 +80,7 @@ def driven(rig: Rig, until_s: float, cuts: int | None = None, chance: random.Ran
     for step in range(int(until_s * 10)):
         at_ns = START + step * 100 * MS
         if cuts and at_ns > rig.now_ns:
+            assert chance is not None
             moments = sorted(chance.randrange(rig.now_ns, at_ns + 1) for _ in range(cuts))
         for part_ns in moments:
             frames += rig.advance(part_ns)

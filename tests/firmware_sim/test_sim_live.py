@@ -35,6 +35,7 @@ time.sleep(60)
 def first_line(process: ForkedProgram | subprocess.Popen[str], timeout_s: float = 10.0):
     readable, _, _ = select.select([process.stdout], [], [], timeout_s)
     assert readable, "no line in time"
+    assert process.stdout is not None
     return process.stdout.readline()
 
 
@@ -64,7 +65,7 @@ def transport(request: pytest.FixtureRequest):
     return request.param.split()
 
 
-def frames_for(bus: can.BusABC, duration_s: float):
+def frames_for(bus: can.BusABC, duration_s: float) -> list[can.Message]:
     frames, end_s = [], time.monotonic() + duration_s
     while time.monotonic() < end_s:
         frame = bus.recv(0.01)

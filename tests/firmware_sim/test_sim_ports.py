@@ -14,6 +14,7 @@ from firmware_sim.links import OUTPUT_MAX_BYTES, LineQueue, listen
 from firmware_sim.ports import BusPort, PtyPort, TcpPort
 from firmware_sim.rig import Rig
 from tests.firmware_sim.sim_bench import MS, SECOND, command, shipped
+from tests.narrowing import not_none
 
 GOOD = b"t2016983A204E1106\r"
 
@@ -118,10 +119,10 @@ def test_tcp_host_opens_reads_levels_and_commands(tcp: TcpPort) -> None:
         assert text_of(client) is None
         client.send(b"S6\rO\r")
         turn(tcp, 250 * MS)
-        assert text_of(client).startswith(b"\r\rt181")
+        assert not_none(text_of(client)).startswith(b"\r\rt181")
         client.send(GOOD)
         turn(tcp, 300 * MS)
-        assert text_of(client).startswith(b"z\r")
+        assert not_none(text_of(client)).startswith(b"z\r")
         assert tcp._rig.truth().pump_state is NodeState.RUN
 
 
@@ -158,8 +159,10 @@ def test_a_host_that_does_not_read_never_blocks_the_rig_and_is_replaced(tcp: Tcp
         lazy.send(b"O\r")
         for step in range(1, 9000):
             turn(tcp, step * 100 * MS)
+            assert tcp._link is not None
             if tcp._link.is_stuck:
                 break
+        assert tcp._link is not None
         assert tcp._link.queue.dropped > 0
         assert len(tcp._link.queue) <= OUTPUT_MAX_BYTES
         with connected(tcp) as eager:
@@ -223,5 +226,6 @@ def test_pty_host_that_does_not_read_never_blocks_the_rig(pty_port: PtyPort) -> 
     os.write(fd, b"O\r")
     for step in range(1, 900):
         turn(pty_port, step * 100 * MS)
+    assert pty_port._link is not None
     assert pty_port._link.queue.dropped > 0
     os.close(fd)

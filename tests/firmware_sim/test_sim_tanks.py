@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 from firmware_sim.settings import EmulatorSettings, equilibrium_cm
 from firmware_sim.tanks import Tanks
 from tests.firmware_sim.sim_bench import emulator
+from tests.narrowing import quad
 
 HEALTHY = [1.0, 1.0]
 NO_LAG = emulator(pumps={"lag_s": 0.0})
@@ -143,7 +144,7 @@ def test_a_nearly_empty_tank_keeps_its_water_while_another_one_spills_or_runs_em
     tanks = Tanks(NO_LAG)
     levels_cm = [5.0, 5.0, 5.0, 5.0]
     levels_cm[tank], levels_cm[other] = 0.05, 20.0 if is_full else 1e-9
-    tanks.levels_cm = tuple(levels_cm)
+    tanks.levels_cm = quad(levels_cm)
     dt_s, outlet_cm2, area_cm2 = 1e-3, 0.071, 28.0
     tanks.advance(dt_s, (10.0, 10.0) if is_full else (0.0, 0.0), HEALTHY)
     most_cm = dt_s * outlet_cm2 * math.sqrt(2.0 * 981.0 * 0.05) / area_cm2

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from hil.core import closed_loop
 from hil.core.closed_loop import LoopConfig, LoopState
@@ -16,10 +18,12 @@ from hil.core.estimator import LevelFilter
 from hil.core.reconfiguration import Reconfiguration
 from hil.core.tanks import TankModel, equilibrium, linearise
 from hil.core.types import Alarm, BusHealth, Inputs, Measurement, NodeHealth, NodeState, PumpFeedback
+from tests.narrowing import pair, quad
 
 MODEL = TankModel()
 PERIOD_S, READINGS, SUBSTEPS = 0.1, 5, 2
 STEP_V = 10.24 / 4096
+NO_ESTIMATE: Any = None  # the detector does not look at it
 ALL = (True, True, True, True)
 DESIGN = choose_rig_design(linearise(MODEL, equilibrium(MODEL, (3.0, 3.0))), (-0.252, -0.184, -0.073, -0.06), 10.0)
 DETECTOR = GlrDetector(MODEL, 0.2, 0.005)
@@ -33,7 +37,7 @@ class Plant:
     def __init__(self, seed: int, spread: float = 0.03, noise_V: float = 0.005, lag_s: float = 0.2) -> None:
         self.random = np.random.default_rng(seed)
 
-        def drawn(values: tuple[float, ...]):
+        def drawn(values: tuple[float, ...]) -> npt.NDArray[np.float64]:
             return np.array(values) * (1.0 + spread * self.random.uniform(-1.0, 1.0, len(values)))
 
         self.outlet = drawn(MODEL.outlet_cm2)
@@ -78,16 +82,16 @@ class Plant:
         jitter = (steps.sum(0) - steps.max(0)) / (2 * READINGS - 2)
         return Measurement(
             tuple(readings.mean(0).tolist()),
-            tuple(i not in self.open for i in range(4)),
+            quad(i not in self.open for i in range(4)),
             0.0,
             READINGS,
             tuple(readings.var(0, ddof=1).tolist()),
             tuple(jitter.tolist()),
-            tuple(int(n) for n in self.repeats),
-            tuple(int(n) for n in self.invalid_run),
+            quad(int(n) for n in self.repeats),
+            quad(int(n) for n in self.invalid_run),
         )
 
-    def _move(self, pump_V, dt: float) -> None:
+    def _move(self, pump_V: npt.NDArray[np.float64], dt: float) -> None:
         self.flow_V = pump_V + (self.flow_V - pump_V) * np.exp(-dt / self.lag_s)
         for pump, value in self.frozen_V.items():
             self.flow_V[pump] = value
@@ -104,7 +108,7 @@ class Story:
 
     alarms: list[Alarm] = field(default_factory=list)
     states: list[LoopState] = field(default_factory=list)
-    true_V: list[np.ndarray] = field(default_factory=list)
+    true_V: list[npt.NDArray[np.float64]] = field(default_factory=list)
     commands_V: list[tuple[float, float]] = field(default_factory=list)
 
     @property
@@ -115,11 +119,12 @@ class Story:
         """Verdicts only."""
         return [alarm for alarm in self.alarms if alarm.isolated_s is not None]
 
-    def iae(self, from_s: float, to_s: float) -> np.ndarray:
+    def iae(self, from_s: float, to_s: float) -> npt.NDArray[np.float64]:
         """Integral of the true error of both outputs, V s."""
         chosen = range(round(from_s / PERIOD_S), round(to_s / PERIOD_S))
         errors = [np.abs(np.array(self.states[n].reference_V) - self.true_V[n][:2]) for n in chosen]
-        return PERIOD_S * np.sum(errors, axis=0)
+        total: npt.NDArray[np.float64] = PERIOD_S * np.sum(errors, axis=0)
+        return total
 
 
 def config(detector: FaultDetector, steps: tuple[tuple[float, float], ...]) -> LoopConfig:
@@ -153,7 +158,7 @@ def play(
         now_ns = round(number * PERIOD_S * 1e9)
         state = state or closed_loop.begin(loop, inputs, now_ns)
         state, _ = closed_loop.step(loop, state, inputs, now_ns)
-        applied = tuple(
+        applied = pair(
             min(max(wanted, last - 2.0, 0.0), last + 2.0, 10.0)
             for wanted, last in zip(state.raw_V, applied, strict=True)
         )

@@ -4,13 +4,14 @@ import pytest
 from hil.core.diagnosis.glr import bank, process
 from hil.core.diagnosis.glr.hypotheses import JUMPS, H
 from hil.core.diagnosis.glr.memory import Memory
-from tests.glr.glr_bench import DETECTOR, PERIOD_S, Plant
+from tests.glr.glr_bench import DETECTOR, NO_ESTIMATE, PERIOD_S, Plant
 
 
 def a_memory(seconds: float = 60.0) -> tuple[Memory, Plant]:
     plant, memory = Plant(21), None
     for number in range(round(seconds / PERIOD_S)):
-        memory, _ = DETECTOR.step(memory, number * PERIOD_S, plant.period((3.0, 3.0)), None, (3.0, 3.0))
+        memory, _ = DETECTOR.step(memory, number * PERIOD_S, plant.period((3.0, 3.0)), NO_ESTIMATE, (3.0, 3.0))
+    assert memory is not None
     return memory, plant
 
 
@@ -40,7 +41,7 @@ def test_a_signature_is_what_the_jump_leaves_in_the_innovations(j: int) -> None:
         process.step(setup.c, setup.walk, *untold, entry, *work[1])
         bank.advance(setup.c[13], entry, *work[1][:3], work[1][3], b.effect, b.energy, b.match, b.cross)
         difference = work[1][2] @ (work[1][3] - work[0][3]) / size
-        energy += difference @ difference
+        energy += float(difference @ difference)
     assert b.energy[j, slot] == pytest.approx(energy, rel=0.04)
 
 

@@ -4,24 +4,26 @@ import pytest
 
 from hil.core.diagnosis.glr.detection_bound import detection_bound_s, jumps_of_fault
 from tests.glr.glr_bench import MODEL
+from tests.narrowing import not_none
 
 
 def bound(*faults: tuple[str, int, float | None], noise_V: float = 0.005) -> float | None:
-    jumps = {}
+    jumps: dict[int, float] = {}
     for kind, target, value in faults:
         jumps |= jumps_of_fault(kind, target, value, MODEL)
     return detection_bound_s(MODEL, 0.2, noise_V, jumps, (3.0, 3.0), 0.1, 0.02)
 
 
 def test_larger_faults_are_found_sooner() -> None:
-    bounds = [bound(("pump_effectiveness", 1, value)) for value in (0.4, 0.8, 0.9, 0.95)]
+    bounds = [not_none(bound(("pump_effectiveness", 1, value))) for value in (0.4, 0.8, 0.9, 0.95)]
     assert bounds == sorted(bounds)
     assert bounds[0] < 0.3 < bounds[2] < 1.0
 
 
 def test_two_pumps_are_found_sooner_than_one() -> None:
     both = bound(("pump_effectiveness", 1, 0.4), ("pump_effectiveness", 2, 0.4))
-    assert both < min(bound(("pump_effectiveness", pump, 0.4)) for pump in (1, 2))
+    assert both is not None
+    assert both < min(not_none(bound(("pump_effectiveness", pump, 0.4))) for pump in (1, 2))
 
 
 def test_a_bias_is_a_matter_of_readings() -> None:

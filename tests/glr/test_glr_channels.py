@@ -17,7 +17,8 @@ class Sensor:
 
     def __init__(self, noise_V: float, seed: int) -> None:
         self.noise_V, self.random = noise_V, np.random.default_rng(seed)
-        self.last, self.repeats, self.stuck_V = np.nan, 0, None
+        self.last, self.repeats = np.nan, 0
+        self.stuck_V: float | None = None
 
     def period(self, level_V: float) -> Measurement:
         noisy = level_V + self.noise_V * self.random.normal(size=READINGS)
@@ -43,7 +44,7 @@ def watch(sensor: Sensor, channel: Channel, levels_V: npt.NDArray[np.float64]) -
     return stuck
 
 
-def wandering(periods: int) -> np.ndarray:
+def wandering(periods: int) -> npt.NDArray[np.float64]:
     """A level that creeps through a few codes and rests at each for a while, in the middle of them and between."""
     return 5.0 + 0.5 * STEP_V * np.floor(np.linspace(0.0, 8.0, periods))
 

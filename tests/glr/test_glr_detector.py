@@ -1,6 +1,7 @@
 import math
 from collections.abc import Callable
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ from hypothesis import strategies as st
 from hil.core.diagnosis.glr.glr_detector import GlrDetector
 from hil.core.diagnosis.glr.tuning import Tuning
 from hil.core.types import UNRESOLVED, Measurement, Pair
-from tests.glr.glr_bench import DETECTOR, MODEL, PERIOD_S, Plant, Story, play, put
+from tests.glr.glr_bench import DETECTOR, MODEL, NO_ESTIMATE, PERIOD_S, Plant, Story, play, put
+from tests.narrowing import not_none, quad
 
 FAULT_S = 40.0
 SOUND = ((5.0, 0.3),)
@@ -44,7 +46,7 @@ def test_nor_does_one_that_is_not_quite_what_the_file_says(kwargs: dict[str, flo
 def test_pumps_that_lose_gain(left: Pair, isolated_within_s: float) -> None:
     story = play(34, FAULT_S + 8.0, ((FAULT_S, lose(*left)),))
     assert named(story) == [("pump_effectiveness", pump + 1) for pump in (0, 1) if left[pump] < 1.0]
-    assert all(alarm.isolated_s - FAULT_S < isolated_within_s for alarm in story.settled())
+    assert all(not_none(alarm.isolated_s) - FAULT_S < isolated_within_s for alarm in story.settled())
     assert all(alarm.detected_s >= FAULT_S for alarm in story.alarms)
     assert story.last.diagnosis.effectiveness == pytest.approx(left, abs=0.015)
     assert all(abs(alarm.onset_s - FAULT_S) < 0.35 for alarm in story.settled())
@@ -55,7 +57,7 @@ def test_pumps_that_lose_gain(left: Pair, isolated_within_s: float) -> None:
 def test_a_sensor_that_jumps(sensor: int, bias_V: float) -> None:
     story = play(35, FAULT_S + 5.0, ((FAULT_S, put("bias", sensor, bias_V)),))
     assert named(story) == [("sensor_bias", sensor + 1)]
-    assert story.settled()[0].isolated_s - FAULT_S < 0.35
+    assert not_none(story.settled()[0].isolated_s) - FAULT_S < 0.35
     assert story.settled()[0].size == pytest.approx(bias_V, abs=0.02)
     assert story.last.diagnosis.trusted[sensor] is False
     assert np.abs(story.last.level_cm - 2.0 * story.true_V[-1]).max() < 0.1
@@ -65,7 +67,7 @@ def test_a_sensor_that_jumps(sensor: int, bias_V: float) -> None:
 def test_an_upper_sensor_that_drifts(sensor: int) -> None:
     story = play(36, FAULT_S + 5.0, ((FAULT_S, put("drift", sensor, 0.005)),))
     assert named(story) == [("sensor_drift", sensor + 1)]
-    assert story.settled()[0].isolated_s - FAULT_S < 3.5
+    assert not_none(story.settled()[0].isolated_s) - FAULT_S < 3.5
 
 
 def test_a_lower_sensor_that_drifts_is_ambiguous_at_first_and_settled_in_the_end() -> None:
@@ -92,6 +94,7 @@ def test_a_blockage_that_was_called_a_drift_is_found_out_and_the_sensor_used_aga
     drift, block = story.settled()
     assert block.number == drift.number
     assert block.size == pytest.approx(share, abs=0.02)
+    assert block.isolated_s is not None
     assert block.isolated_s - FAULT_S < 15.0
     assert story.last.diagnosis.trusted == (True,) * 4
     assert 2.0 * max(level[tank] for level in story.true_V) < 15.0
@@ -112,6 +115,7 @@ def test_a_stuck_sensor_is_replaced_by_the_model_and_comes_back(sensor: int) -> 
     story = play(38, FAULT_S + 30.0, faults, (*SOUND, (FAULT_S + 2.0, 0.3)), plant=plant)
     lost, back = story.settled()
     assert (lost.kind, lost.target, back.is_recovery) == ("sensor_stuck", sensor + 1, True)
+    assert lost.isolated_s is not None
     assert lost.isolated_s - FAULT_S < 0.45
     for state, true_V in zip(story.states, story.true_V, strict=True):
         assert np.abs(np.array(state.level_cm) * 0.5 - true_V).max() < 0.04
@@ -125,7 +129,7 @@ def test_an_open_sensor_is_lost_after_three_readings() -> None:
 
 
 def test_a_noisy_sensor_is_told_from_a_faulty_one() -> None:
-    def noisy(plant) -> None:
+    def noisy(plant: Plant) -> None:
         plant.noise_V[1] = 0.1
 
     story = play(40, FAULT_S + 15.0, ((FAULT_S, noisy),))
@@ -144,7 +148,7 @@ def test_leaks_and_blockages(tank: int, fault: str, share: float, kind: str) -> 
 
 
 def test_a_valve_that_moves() -> None:
-    def turn(plant) -> None:
+    def turn(plant: Plant) -> None:
         plant.split[0] *= 0.9
 
     story = play(42, FAULT_S + 5.0, ((FAULT_S, turn),))
@@ -155,6 +159,7 @@ def test_a_pump_that_comes_back() -> None:
     story = play(43, FAULT_S + 30.0, ((FAULT_S, lose(0.4, 1.0)), (FAULT_S + 15.0, lose(1.0, 1.0))))
     loss, back = story.settled()
     assert (loss.is_recovery, back.is_recovery) == (False, True)
+    assert back.isolated_s is not None
     assert back.isolated_s - FAULT_S - 15.0 < 1.0
     assert story.last.diagnosis.effectiveness == (1.0, 1.0)
 
@@ -201,13 +206,14 @@ def test_a_second_fault_before_the_first_is_settled(seed: int, after_s: float) -
     assert named(story) == [("sensor_drift", 2), ("pump_effectiveness", 1)]
     drift, loss = story.settled()
     assert drift.size == pytest.approx(-0.087, abs=0.003)
+    assert loss.isolated_s is not None
     assert loss.isolated_s - FAULT_S - after_s < 1.5
     assert story.last.diagnosis.effectiveness == pytest.approx((0.12, 1.0), abs=0.01)
 
 
 @pytest.mark.parametrize("stuck_V", [1.5, 4.5, 10.0])
 def test_a_pump_that_does_not_follow_its_voltage(stuck_V: float) -> None:
-    def freeze(plant) -> None:
+    def freeze(plant: Plant) -> None:
         plant.frozen_V[0] = stuck_V
 
     story = play(45, FAULT_S + 15.0, ((FAULT_S, freeze),), (*SOUND, (FAULT_S + 6.0, 0.3)))
@@ -238,16 +244,16 @@ def test_the_papers_fault_without_its_assumption() -> None:
 
 @given(st.lists(st.tuples(*[st.floats(allow_nan=True, allow_infinity=True)] * 4, st.booleans()), max_size=12))
 @settings(max_examples=40, deadline=None, phases=[Phase.explicit, Phase.reuse, Phase.generate])
-def test_whatever_is_read_the_verdict_is_finite_and_in_range(rows) -> None:
+def test_whatever_is_read_the_verdict_is_finite_and_in_range(rows: list[tuple[Any, ...]]) -> None:
     plant, memory = Plant(48), None
     detector = DETECTOR
     for number in range(15):
-        memory, _ = detector.step(memory, number * PERIOD_S, plant.period((3.0, 3.0)), None, (3.0, 3.0))
+        memory, _ = detector.step(memory, number * PERIOD_S, plant.period((3.0, 3.0)), NO_ESTIMATE, (3.0, 3.0))
     for number, (*levels, valid) in enumerate(rows):
-        reading = Measurement(tuple(levels), (valid,) * 4, 0.0, 5, (1e-5,) * 4, (5e-6,) * 4, (0,) * 4, (0,) * 4)
-        memory, verdict = detector.step(memory, 2.0 + number * PERIOD_S, reading, None, (3.0, 3.0))
+        reading = Measurement(quad(levels), (valid,) * 4, 0.0, 5, (1e-5,) * 4, (5e-6,) * 4, (0,) * 4, (0,) * 4)
+        memory, verdict = detector.step(memory, 2.0 + number * PERIOD_S, reading, NO_ESTIMATE, (3.0, 3.0))
         assert all(0.0 <= theta <= 1.0 for theta in verdict.effectiveness)
-        assert all(math.isfinite(level) for level in verdict.level_V) or verdict.is_diverged
+        assert all(math.isfinite(level) for level in not_none(verdict.level_V)) or verdict.is_diverged
 
 
 def test_readings_that_nothing_explains_diverge() -> None:
@@ -256,9 +262,10 @@ def test_readings_that_nothing_explains_diverge() -> None:
     for number in range(600):
         reading = plant.period((3.0, 3.0))
         if number > 200:
-            shaken = tuple(y + 0.3 * random.normal() for y in reading.level_V)
+            shaken = quad(y + 0.3 * random.normal() for y in reading.level_V)
             reading = Measurement(shaken, reading.valid, 0.0, 5, reading.variance_V2, reading.jitter_V2, (0,) * 4)
-        memory, verdict = DETECTOR.step(memory, number * PERIOD_S, reading, None, (3.0, 3.0))
+        memory, verdict = DETECTOR.step(memory, number * PERIOD_S, reading, NO_ESTIMATE, (3.0, 3.0))
         if verdict.is_diverged:
             break
+    assert verdict is not None
     assert verdict.is_diverged

@@ -1,11 +1,12 @@
 import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.core.diagnosis.glr import process
 from hil.core.diagnosis.glr.process import BIAS, DRIFT, GAIN, LAG, LEAK, MOVING, OUTLET, PUMP, SPLIT, N
-from tests.glr.glr_bench import DETECTOR, MODEL, PERIOD_S, Plant
+from tests.glr.glr_bench import DETECTOR, MODEL, NO_ESTIMATE, PERIOD_S, Plant
 
 C = process.constants(MODEL, 0.2)
 
@@ -46,7 +47,7 @@ def test_the_prediction_is_eq_1() -> None:
     x, volts = a_state(np.random.default_rng(3)), np.array([4.0, 2.0])
     area, speed = np.array(MODEL.area_cm2), np.sqrt(2.0 * MODEL.gravity_cm_s2)
 
-    def slope(_, z):
+    def slope(_: float, z: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         h, p = z[:4], z[4:]
         pumped = np.array(MODEL.pump_gain_cm3_Vs) * x[GAIN:SPLIT] * p
         split = np.array(MODEL.valve_split) * x[SPLIT:LAG]
@@ -68,7 +69,7 @@ def test_innovations_are_white_and_as_large_as_the_filter_says(seed: int) -> Non
     memory, last = None, np.zeros(4)
     for number in range(3000):
         volts = (3.0 + 0.5 * np.sin(number / 90.0), 3.0 + 0.5 * np.cos(number / 130.0))
-        memory, _ = DETECTOR.step(memory, number * PERIOD_S, plant.period(volts), None, volts)
+        memory, _ = DETECTOR.step(memory, number * PERIOD_S, plant.period(volts), NO_ESTIMATE, volts)
         if number > 300:
             white = memory.white @ memory.innovation
             squares.append(white**2)
@@ -82,8 +83,9 @@ def test_parameters_of_the_rig_are_learned() -> None:
     plant, memory = Plant(5), None
     for number in range(4000):
         volts = (3.0 + 0.8 * np.sin(number / 150.0), 3.0 + 0.8 * np.cos(number / 200.0))
-        memory, _ = DETECTOR.step(memory, number * PERIOD_S, plant.period(volts), None, volts)
+        memory, _ = DETECTOR.step(memory, number * PERIOD_S, plant.period(volts), NO_ESTIMATE, volts)
     inflow = plant.gain * plant.split / np.array(MODEL.pump_gain_cm3_Vs) / np.array(MODEL.valve_split)
+    assert memory is not None
     assert memory.x[GAIN:SPLIT] * memory.x[SPLIT:LAG] == pytest.approx(inflow, abs=0.006)
     assert memory.x[OUTLET:LEAK] == pytest.approx(plant.outlet / np.array(MODEL.outlet_cm2), abs=0.012)
 
@@ -91,7 +93,8 @@ def test_parameters_of_the_rig_are_learned() -> None:
 def test_the_covariance_stays_symmetric_and_positive() -> None:
     plant, memory = Plant(6), None
     for number in range(2000):
-        memory, _ = DETECTOR.step(memory, number * PERIOD_S, plant.period((3.0, 3.0)), None, (3.0, 3.0))
+        memory, _ = DETECTOR.step(memory, number * PERIOD_S, plant.period((3.0, 3.0)), NO_ESTIMATE, (3.0, 3.0))
+    assert memory is not None
     active = memory.P[:LEAK, :LEAK]
     assert np.array_equal(memory.P, memory.P.T)
     assert np.linalg.eigvalsh(active).min() > -1e-12

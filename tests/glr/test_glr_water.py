@@ -3,13 +3,14 @@ import math
 import pytest
 
 from hil.core.diagnosis.glr import inflow_check
+from hil.core.diagnosis.glr.memory import Memory
 from hil.core.types import Pair
-from tests.glr.glr_bench import DETECTOR, PERIOD_S, Plant
+from tests.glr.glr_bench import DETECTOR, NO_ESTIMATE, PERIOD_S, Plant
 
 SETUP = DETECTOR._setup
 
 
-def watched(seed: int, pump_V: Pair, effectiveness: list[float] | Pair, steps: int = 14, before: int = 30):
+def watched(seed: int, pump_V: Pair, effectiveness: list[float] | Pair, steps: int = 14, before: int = 30) -> Memory:
     """A rig that runs sound for some periods at 3 V, then for some more as given; the detector's memory."""
     plant, memory = Plant(seed), None
     for number in range(before + steps):
@@ -17,7 +18,8 @@ def watched(seed: int, pump_V: Pair, effectiveness: list[float] | Pair, steps: i
             plant.effectiveness[:] = effectiveness
         voltage = (3.0, 3.0) if number < before else pump_V
         reading = plant.period(voltage)
-        memory, _ = DETECTOR.step(memory, number * PERIOD_S, reading, None, voltage)
+        memory, _ = DETECTOR.step(memory, number * PERIOD_S, reading, NO_ESTIMATE, voltage)
+    assert isinstance(memory, Memory)
     return memory
 
 

@@ -119,7 +119,9 @@ def emulator(
     try:
         readable, _, _ = select.select([process.stdout], [], [], 20.0)
         assert readable, "the emulator does not come up"
+        assert process.stdout is not None
         line = process.stdout.readline()
+        assert process.stderr is not None
         assert line.startswith("firmware-sim ready: slcan on "), process.stderr.read()
         yield Emulator(process, line.split()[-1], record)
     finally:
@@ -192,7 +194,7 @@ def hil(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     return fork_server.run(["hil", *arguments])
 
 
-def sent_s(folder):
+def sent_s(folder: Path):
     """Times of the commands in sent.log, s; every line there and in can.log has to be one of candump's."""
     frames = _frames(folder / "can.log")
     sent = _frames(folder / "sent.log")
@@ -201,7 +203,7 @@ def sent_s(folder):
     return [stamp_s for stamp_s, _ in sent]
 
 
-def _frames(log):
+def _frames(log: Path):
     """Time in s and identifier of each line."""
     frames = []
     for line in log.read_text().split("\n")[:-1]:

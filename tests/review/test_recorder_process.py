@@ -47,7 +47,7 @@ def play(recorder: Recorder | ProcessRecorder, until_s: float) -> None:
         recorder.tick(record)
 
 
-def wait_for(condition: Callable[[], bool], timeout_s: float = 20.0) -> None:  # type: ignore[no-untyped-def]
+def wait_for(condition: Callable[[], bool], timeout_s: float = 20.0) -> None:
     end_s = time.monotonic() + timeout_s
     while not condition():
         assert time.monotonic() < end_s, "did not happen in time"

@@ -6,6 +6,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from hil.core.types import Event, Severity
@@ -52,8 +53,8 @@ def test_report_has_the_papers_figures_and_its_table(page: str) -> None:
     assert Tags(page).tags.count("svg") == 6
     assert "Timing." not in page, "a simulated clock is never late"
     assert "gains kept" in page
-    for number in ("13.07", "9.231", "0.702", "0.501", "9.348", "9.405", "6.189", "6.234"):
-        assert f">{number}<" in page
+    for figure in ("13.07", "9.231", "0.702", "0.501", "9.348", "9.405", "6.189", "6.234"):
+        assert f">{figure}<" in page
 
 
 def test_report_escapes_what_comes_from_outside(tmp_path: Path, page: str) -> None:
@@ -105,8 +106,8 @@ def test_report_of_a_run_without_steps(tmp_path: Path) -> None:
 
 
 def test_thinning_keeps_the_peaks_and_the_ends() -> None:
-    times_s = np.arange(50_000) * 0.01
-    values = np.sin(times_s)
+    times_s = np.arange(50_000, dtype=np.float64) * 0.01
+    values: npt.NDArray[np.float64] = np.sin(times_s)
     values[31_234] = 9.0
     thin_s, thinned = thin(times_s, values)
     assert len(thin_s) <= 1510

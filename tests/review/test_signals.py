@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rerun.chunk import RrdReader
 
 from hil.edge.record import signals
-from hil.edge.record.run_folder import RunFolder
+from hil.edge.record.run_folder import RunFolder, RunMode
 from hil.edge.record.signals import Curve, Signal, markdown_table, recorded
 from hil.review import blueprint
 from hil.review.ticks import read_ticks
@@ -39,14 +40,19 @@ def test_one_row_more_is_recorded_drawn_and_documented(tmp_path: Path, monkeypat
 @pytest.mark.parametrize("entity", ["levels/mine", "pumps/mine", "control/mine", "bench/mine", "mine"])
 @pytest.mark.parametrize("mode", ["lockstep", "live"])
 def test_every_drawn_entity_is_in_one_plot_of_the_layout(
-    monkeypatch: pytest.MonkeyPatch, entity: str, mode: signals.RunMode
+    monkeypatch: pytest.MonkeyPatch, entity: str, mode: RunMode
 ) -> None:
     """Latency and recorder queue used to be recorded and shown nowhere."""
     row = Signal("mine_V", "V", "mine", lambda step: step.record.t_s, Curve(entity, "mine"))
     monkeypatch.setattr(signals, "SIGNALS", (*signals.SIGNALS, row))
     shown: list[str] = []
     real = blueprint._Layout._plot
-    monkeypatch.setattr(blueprint._Layout, "_plot", lambda layout, one: shown.append(one) or real(layout, one))
+
+    def plot(layout: blueprint._Layout, one: str) -> Any:
+        shown.append(one)
+        return real(layout, one)
+
+    monkeypatch.setattr(blueprint._Layout, "_plot", plot)
     blueprint.blueprint(mode, 10.0)
     expected = {signal.curve.entity for signal in recorded(mode) if signal.curve}
     assert sorted(shown) == sorted(expected)

@@ -6,6 +6,7 @@ import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from can import Message
 
@@ -35,6 +36,7 @@ from hil.core.types import (
 )
 from hil.loop import ControlLoop
 from hil.wire.contract import Contract
+from tests.narrowing import quad
 
 ROOT = Path(__file__).resolve().parents[2]
 CONTRACT = Contract.from_dbc((ROOT / "config/bench.dbc").read_text())
@@ -144,7 +146,7 @@ VERDICTS: tuple[tuple[str, TripCause, Diagnosis], ...] = (
         (
             f"sensor {c + 1} replaced by no number",
             TripCause.INVALID_LEVELS,
-            Diagnosis(trusted=doubted(c), level_V=tuple(math.nan if i == c else 2.0 for i in range(4))),
+            Diagnosis(trusted=doubted(c), level_V=quad(math.nan if i == c else 2.0 for i in range(4))),
         )
         for c in range(4)
     ),
@@ -159,7 +161,7 @@ VERDICTS: tuple[tuple[str, TripCause, Diagnosis], ...] = (
         (
             f"tank {c + 1} is full behind a lost sensor",
             TripCause.HIGH_LEVEL,
-            Diagnosis(trusted=doubted(c), level_V=tuple(9.51 if i == c else 2.0 for i in range(4))),
+            Diagnosis(trusted=doubted(c), level_V=quad(9.51 if i == c else 2.0 for i in range(4))),
         )
         for c in range(4)
     ),
@@ -175,7 +177,7 @@ def believing(diagnosis: Diagnosis = NO_FAULT, **changes) -> Belief:
     return Belief(diagnosis, REST_CM, (3.0, 3.0), accommodates=True, **changes)
 
 
-def config(**changes: NoDetector) -> ControllerConfig:
+def config(**changes: Any) -> ControllerConfig:
     at = linearise(BENCH, equilibrium(BENCH, (3.0, 3.0)))
     design = choose_rig_design(at, RIG["control"]["output_poles"], RIG["control"]["noise_gain_max"])
     loop = LoopConfig(
@@ -284,6 +286,7 @@ class LoopBench:
         sent = self.port.sent
         echo = sent[-1] if sent and self.confirms else None
         runs = echo is not None and echo.enable and not self.node_tripped
+        assert echo is not None
         applied = echo.voltage_V if runs else (0.0, 0.0)
         state = node.NodeState.TRIPPED if self.node_tripped else node.NodeState.RUN if runs else node.NodeState.READY
         cause = node.TripCause.WATCHDOG if self.node_tripped else node.TripCause.NONE

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import FrozenInstanceError, fields, replace
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -11,6 +12,7 @@ from hil.core import interlocks, supervisor
 from hil.core.interlocks import BYPASSABLE, INTERLOCKS, NO_BELIEF, Belief, Reaction
 from hil.core.supervisor import OFF, Supervision
 from hil.core.types import Action, Diagnosis, Event, Inputs, Mode, NodeState, Pair, Request, Severity, TripCause
+from tests.narrowing import quad
 from tests.safety.safety_bench import (
     ALL,
     BENCH,
@@ -43,13 +45,11 @@ def after(
     return supervisor.next_mode(limits, state, inputs, now_ns, belief)
 
 
-def cause_of(
-    inputs: Inputs, belief: interlocks.Belief = NO_BELIEF, **more: supervisor.Supervision | interlocks.Limits | int
-) -> TripCause | None:
+def cause_of(inputs: Inputs, belief: interlocks.Belief = NO_BELIEF, **more: Any) -> TripCause | None:
     return after(inputs, belief, **more)[0].cause
 
 
-def text_of(inputs: Inputs, belief: interlocks.Belief = NO_BELIEF, **more: supervisor.Supervision) -> str:
+def text_of(inputs: Inputs, belief: interlocks.Belief = NO_BELIEF, **more: Any) -> str:
     return after(inputs, belief, **more)[1][0].text
 
 
@@ -300,7 +300,7 @@ def test_a_dead_pump_stops_the_run_if_so_configured(theta: Pair) -> None:
 def test_a_lost_lower_level_stops_the_run_if_so_configured(sensor: int) -> None:
     stops = replace(LIMITS, stops_on_lost_lower_level=True)
     off = but(HEALTHY, "pumps", applied_V=(0.0, 0.0))
-    lost = Diagnosis(trusted=tuple(one != sensor for one in range(4)), level_V=(2.0,) * 4)
+    lost = Diagnosis(trusted=quad(one != sensor for one in range(4)), level_V=(2.0,) * 4)
     state, events = after(off, believing(lost), limits=stops)
     if sensor < 2:
         assert (state.mode, state.cause, state.stopped_by) == (Mode.STOPPING, None, "sensors_lost")

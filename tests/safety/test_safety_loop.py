@@ -12,6 +12,7 @@ from hil.core.closed_loop import LoopState
 from hil.core.diagnosis.ideal import NoDetector
 from hil.core.estimator import Estimate
 from hil.core.types import Event, Measurement, Mode, Pair, Timing, TripCause
+from tests.narrowing import quad
 from tests.safety.safety_bench import (
     CONTRACT,
     LIMITS,
@@ -249,7 +250,7 @@ def test_unknown_levels_never_start_the_pumps() -> None:
 @pytest.mark.parametrize("channel", range(4))
 def test_invalid_levels_never_start_the_pumps(channel: int) -> None:
     bench = LoopBench()
-    bench.statuses = tuple(node.ChannelStatus(1 if i == channel else 0) for i in range(4))
+    bench.statuses = quad(node.ChannelStatus(1 if i == channel else 0) for i in range(4))
     bench.step(8)
     assert bench.mode is Mode.DISARMED
     assert not any(c.enable for c in bench.port.sent)
@@ -326,6 +327,7 @@ def test_a_stop_before_the_start_ends_at_once() -> None:
     bench.silent = {"LowerLevels"}
     bench.step(2)
     bench.step(stop_reason="Ctrl-C")
+    assert bench.loop.outcome is not None
     assert (bench.loop.outcome.status, bench.loop.outcome.reason) == ("stopped", "Ctrl-C")
     assert not any(c.enable for c in bench.port.sent)
 

@@ -3,18 +3,18 @@
 import math
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import pytest
 
 from hil.core.diagnosis.ideal import NoDetector
-from hil.core.interlocks import Limits
 from hil.core.types import Action, Diagnosis, Mode, Pair, Request, TripCause
 from tests.safety.safety_bench import LIMITS, MS, PERIOD_NS, PERIOD_S, REST_V, VERDICTS, LoopBench, config, raw_command
 
 MANUAL, AUTO, CLEAR, STOP = (Request(a) for a in (Action.MANUAL, Action.AUTO, Action.CLEAR, Action.STOP))
 
 
-def bench(*schedule: tuple[float, Request], verdict: Diagnosis | None = None, **changes: Limits | float) -> LoopBench:
+def bench(*schedule: tuple[float, Request], verdict: Diagnosis | None = None, **changes: Any) -> LoopBench:
     """A loop whose operator asks (at_s, request), with a detector that may be told what to say."""
     detector = Told(verdict)
     limits = changes.pop("limits", LIMITS)
@@ -117,6 +117,7 @@ def test_a_trip_ends_the_run_unless_it_is_to_be_cleared_later() -> None:
     plain = bench()
     trip_and_heal(plain)
     plain.step()
+    assert plain.loop.outcome is not None
     assert plain.loop.outcome.status == "tripped"
     cleared = bench((3.0, CLEAR))
     trip_and_heal(cleared)
@@ -150,6 +151,7 @@ def test_a_clear_in_the_past_or_after_the_end_keeps_no_run_waiting(at_s: float) 
     loop = bench((at_s, CLEAR), duration_s=20.0)
     trip_and_heal(loop)
     loop.step(2)
+    assert loop.loop.outcome is not None
     assert loop.loop.outcome.status == "tripped"
 
 
@@ -163,10 +165,11 @@ def test_a_stop_asked_for_while_tripped_ends_the_run() -> None:
     by_signal = bench((9.0, CLEAR))
     trip_and_heal(by_signal)
     by_signal.step(2, stop_reason="SIGTERM")
+    assert by_signal.loop.outcome is not None
     assert by_signal.loop.outcome.status == "tripped"
 
 
-def disarmed_for_good(**changes: float) -> LoopBench:
+def disarmed_for_good(**changes: Any) -> LoopBench:
     """Tripped, cleared, and then a node that does not fit."""
     loop = bench((1.5, CLEAR), **changes)
     trip_and_heal(loop, steps=2)
@@ -181,6 +184,7 @@ def test_a_run_whose_trip_was_cleared_waits_for_the_rig_anew_and_no_longer_than_
     loop.step(10)
     assert (loop.mode, loop.loop.outcome) == (Mode.DISARMED, None)
     loop.step()
+    assert loop.loop.outcome is not None
     assert loop.loop.outcome.status == "failed"
     assert loop.loop.outcome.reason == "not ready within 1 s: a node was built for another DBC"
 

@@ -1,6 +1,7 @@
 """Every mode times every event: the mode after it, the command, and what is said."""
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -35,7 +36,7 @@ def asked(*requests: Request, base: Inputs = READY) -> Inputs:
     return replace(base, requests=requests)
 
 
-def wish(action: Action, **details: Pair | TripCause | float) -> Request:
+def wish(action: Action, **details: Any) -> Request:
     return Request(action, **details)
 
 

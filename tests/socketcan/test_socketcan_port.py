@@ -14,6 +14,7 @@ import pytest
 from hil.edge.can.bus import BusAddress, BusError, BusPort
 from hil.edge.can.socketcan import Link
 from tests.bus.bus_bench import COMMAND_ID, FOREIGN_ID, IDS, LEVELS_ID, STATUS_ID, frame, next_frame
+from tests.narrowing import not_none
 from tests.socketcan.kernel_links import BITRATE, Cable, Loop, ip
 
 pytestmark = pytest.mark.socketcan
@@ -53,7 +54,7 @@ def send_error(channel: str, classes: int, detail: int = 0) -> None:
 
 def assert_only_ours_comes(port: BusPort) -> None:
     """What was sent before is not let in; a frame of ours is, at once."""
-    assert bytes(next_frame(port).data) == GOOD
+    assert bytes(not_none(next_frame(port)).data) == GOOD
     assert port.receive(0.05) is None
     assert port.is_up
 
@@ -94,7 +95,9 @@ def test_case_20_error_frames_are_counted_by_class_each_told_once(
         send_error(loop.near, classes, detail)
     far.send(frame(data=GOOD))
     got = [next_frame(port) for _ in range(6)]
-    assert [one.is_error_frame for one in got] == [True] * 5 + [False], "past filters that name our identifiers only"
+    assert [not_none(one).is_error_frame for one in got] == [True] * 5 + [False], (
+        "past filters that name our identifiers only"
+    )
     counts = {"lost_arbitration": 1, "no_ack": 2, "error_passive": 1, "protocol_violation": 1, "bus_error": 1}
     assert port.bus_errors == counts
     assert [event.data["kind"] for event in port.news()] == list(counts)
@@ -107,7 +110,7 @@ def test_case_21_bus_off_is_the_end_of_the_link_and_its_name(
 ) -> None:
     port, _ = on_loop
     send_error(loop.near, 0x40)
-    assert next_frame(port).is_error_frame
+    assert not_none(next_frame(port)).is_error_frame
     assert (port.is_up, port.last_error) == (False, "the CAN controller is bus-off")
 
 
@@ -202,8 +205,10 @@ def test_case_15_17_19_what_gets_past_the_kernel_is_marked_for_the_receiver(
     far.send(frame(STATUS_ID, GOOD))
     first = next_frame(port)
     if bad == "17 identifier":
+        assert first is not None
         assert bytes(first.data) == GOOD, "one bit away from ours, and kept out"
     else:
+        assert first is not None
         assert (len(first.data), first.is_remote_frame) == ((1, False) if bad == "15 length" else (0, True))
     assert far.recv(0.05) is not None, "the cansend itself"
     assert far.recv(0.05) is None, "and no reply to it"

@@ -44,7 +44,7 @@ def test_on_ci_they_never_skip(capsys: pytest.CaptureFixture[str], monkeypatch: 
 
 @pytest.mark.usefixtures("bare")
 def test_a_guest_that_breaks_is_no_skip(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    def breaks(*_) -> NoReturn:
+    def breaks(*_: object) -> NoReturn:
         raise machine.GuestLostError("the guest ended without an exit code")
 
     monkeypatch.setattr(cli, "_kernel", lambda: None)

@@ -11,12 +11,12 @@ RETIRED = words.load()
 
 
 @pytest.mark.parametrize("word", RETIRED, ids=lambda word: word.example)
-def test_each_retired_word_is_found_in_its_example(word) -> None:
+def test_each_retired_word_is_found_in_its_example(word: words.Word) -> None:
     assert words.find(f"A line.\n# And so: {word.example}, every time.\n", [word])
 
 
 @pytest.mark.parametrize("word", RETIRED, ids=lambda word: word.example)
-def test_the_plain_word_is_not_itself_retired(word) -> None:
+def test_the_plain_word_is_not_itself_retired(word: words.Word) -> None:
     assert words.find(word.use, RETIRED) == []
 
 
@@ -25,17 +25,17 @@ def test_the_plain_word_is_not_itself_retired(word) -> None:
     ["wish", "Wishes", "WISH", "an operator_wish = 1", "_wish", "# wish"],
     ids=["word", "plural", "capitals", "part of a name", "private name", "comment"],
 )
-def test_a_word_is_found_in_prose_and_in_names(text) -> None:
+def test_a_word_is_found_in_prose_and_in_names(text: str) -> None:
     assert [finding.use for finding in words.find(text, RETIRED)] == ["request"]
 
 
 @pytest.mark.parametrize("text", ["soundness", "amends", "storyboard", "MOSTLY_FLAT", "ALMOST_DRY", "The most_rows"])
-def test_a_longer_word_that_contains_a_retired_one_is_allowed(text) -> None:
+def test_a_longer_word_that_contains_a_retired_one_is_allowed(text: str) -> None:
     assert words.find(text, RETIRED) == []
 
 
 @pytest.mark.parametrize("between", [" ", "\n", "\n    ", "\n# ", "\n    # "])
-def test_a_phrase_is_found_across_a_line_break_and_its_first_line_is_named(between) -> None:
+def test_a_phrase_is_found_across_a_line_break_and_its_first_line_is_named(between: str) -> None:
     text = f"one\ntwo second{between}thoughts\n"
     assert [(finding.line, finding.use) for finding in words.find(text, RETIRED)] == [(2, "drift review")]
 

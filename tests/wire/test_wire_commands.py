@@ -5,6 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.wire.command_sender import CommandSender
+from tests.narrowing import not_none
 from tests.wire.wire_bench import CONTRACT, MS, go
 
 
@@ -33,6 +34,7 @@ def test_the_oldest_unechoed_command_makes_the_age() -> None:
 def test_an_echo_names_the_command_that_it_stands_for() -> None:
     sender = sender_with(18)
     echoed = sender.echo(1, 18)
+    assert echoed is not None
     assert (echoed.number, echoed.counter, echoed.voltage_V, echoed.sent_ns) == (17, 1, (7.5, 1.0), 1700 * MS)
     assert sender.echo(1, 18) is echoed  # status frames repeat it
     assert sender.lost == 0
@@ -57,7 +59,7 @@ def test_a_node_that_accepted_nothing_since_its_boot_echoes_nothing() -> None:
 def test_the_modulo_of_the_accepted_count_is_not_a_node_without_commands() -> None:
     sender = sender_with(2)
     sender.echo(0, 255)
-    assert sender.echo(1, 0).number == 1
+    assert not_none(sender.echo(1, 0)).number == 1
     assert sender.lost == 0
 
 
@@ -78,6 +80,8 @@ def test_lost_commands_are_counted_through_every_wrap(arrives, before: int, ever
         if echo is not None and (comes or number % every == 0) and sender.echo(echo, accepted % 256) and first is None:
             first = last, accepted
     if first is not None:
+        assert last is not None
+        assert first[0] is not None
         assert sender.lost == (last - first[0]) - (accepted - first[1])
 
 
@@ -107,7 +111,7 @@ def test_a_status_of_an_earlier_run_does_not_look_like_lost_commands(accepted_be
 def test_an_echo_alone_tells_fifteen_commands_apart() -> None:
     sender = sender_with(40)
     assert sender.unechoed_s(4000 * MS) == pytest.approx(4.0)
-    assert sender.echo(25 % 16, 26).number == 25
+    assert not_none(sender.echo(25 % 16, 26)).number == 25
     assert sender.unechoed_s(4000 * MS) == pytest.approx(1.4)
 
 
@@ -116,12 +120,12 @@ def test_a_line_that_was_held_up_loses_nothing(late: int) -> None:
     """At 100 Hz sixteen commands are sent in 160 ms; the echo of the first was taken for that of the seventeenth, and
     sixteen commands were called lost."""
     sender = sender_with(1, 10 * MS)
-    assert sender.echo(0, 1).number == 0
+    assert not_none(sender.echo(0, 1)).number == 0
     for number in range(1, late + 2):
         sender.encode(go(), number * 10 * MS)
-    assert sender.echo(1, 2).number == 1
+    assert not_none(sender.echo(1, 2)).number == 1
     assert sender.unechoed_s((late + 2) * 10 * MS) == pytest.approx(late * 0.01)
-    assert sender.echo((late + 1) % 16, late + 2).number == late + 1
+    assert not_none(sender.echo((late + 1) % 16, late + 2)).number == late + 1
     assert (sender.lost, sender.unechoed_s(10**12)) == (0, 0.0)
 
 
@@ -131,7 +135,7 @@ def test_the_age_of_an_unechoed_command_has_no_bound_that_the_period_sets() -> N
     sender.echo(0, 1)
     for number in range(1, 101):
         sender.encode(go(), number * 10 * MS)
-        assert sender.echo(0, 1).number == 0
+        assert not_none(sender.echo(0, 1)).number == 0
     assert sender.unechoed_s(1010 * MS) == pytest.approx(1.0)
 
 
@@ -141,5 +145,5 @@ def test_an_echo_after_lost_commands_counts_them(lost: int) -> None:
     sender.echo(0, 1)
     for number in range(1, lost + 2):
         sender.encode(go(), number * 10 * MS)
-    assert sender.echo((lost + 1) % 16, 2).number == lost + 1
+    assert not_none(sender.echo((lost + 1) % 16, 2)).number == lost + 1
     assert sender.lost == lost

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from hil.core.types import Command
 from hil.wire.command_sender import CommandSender
 from hil.wire.contract import Contract, ContractError, FrameSpec, crc8, fingerprint
+from tests.narrowing import not_none
 from tests.wire.wire_bench import CONTRACT, DATABASE, DBC, DEFAULTS, GOLDEN, NAMES, go, payload_of, sealed
 
 
@@ -25,6 +26,7 @@ def spec_of(can_id) -> FrameSpec:
 def test_golden_bytes_decode_to_golden_values(golden: dict[str, Any]) -> None:
     data = bytes.fromhex(golden["data"])
     values = spec_of(golden["id"]).decode(data)
+    assert values is not None
     assert values.pop("Crc") == data[-1]
     assert values == pytest.approx(golden["values"], abs=1e-9)
 
@@ -52,7 +54,7 @@ def test_decoding_agrees_with_cantools(name: str, noise: bytes) -> None:
     spec, theirs = CONTRACT.frames[name], DATABASE.get_message_by_name(name)
     data = noise[: spec.length]
     expected = theirs.decode(data, decode_choices=False)
-    in_range = all(s.minimum <= expected[s.name] <= s.maximum + 1e-9 for s in theirs.signals)
+    in_range = all(not_none(s.minimum) <= expected[s.name] <= not_none(s.maximum) + 1e-9 for s in theirs.signals)
     values = spec.decode(data)
     assert (values is not None) == in_range
     if values is not None:
@@ -64,9 +66,13 @@ def test_decoding_agrees_with_cantools(name: str, noise: bytes) -> None:
 @given(st.data())
 def test_in_range_values_come_back_from_the_wire(name: str, data: st.DataObject) -> None:
     signals = [s for s in DATABASE.get_message_by_name(name).signals if s.name != "Crc"]
-    values = {s.name: data.draw(st.integers(0, round(s.maximum / s.scale))) * float(s.scale) for s in signals}
+    values = {
+        s.name: data.draw(st.integers(0, round(not_none(s.maximum) / not_none(s.scale)))) * float(s.scale)
+        for s in signals
+    }
     payload = CONTRACT.frames[name].encode(values)
     decoded = CONTRACT.frames[name].decode(payload)
+    assert decoded is not None
     assert decoded.pop("Crc") == payload[-1]
     assert decoded == pytest.approx(values, rel=1e-12)
     assert payload == sealed(name, DATABASE.encode_message(name, values | {"Crc": 0}, strict=False)[:-1])
@@ -77,6 +83,8 @@ def test_one_step_beyond_a_signals_range_is_refused_both_ways(name: str) -> None
     spec, theirs = CONTRACT.frames[name], DATABASE.get_message_by_name(name)
     refused = 0
     for signal in theirs.signals:
+        assert signal.maximum is not None
+        assert signal.scale is not None
         highest, scale = round(signal.maximum / signal.scale), float(signal.scale)
         if signal.name == "Crc":
             continue
@@ -242,4 +250,5 @@ def test_a_range_of_nothing_is_the_whole_width() -> None:
         with_change("Level1 : 0|16@1+ (0.0002,0) [0|10.24]", "Level1 : 0|16@1+ (0.0002,0) [0|0]")
     )
     values = contract.frames["LowerLevels"].decode(b"\xff\xff" + bytes(5))
+    assert values is not None
     assert values["Level1"] == pytest.approx(13.107)

@@ -11,6 +11,7 @@ from hil.core.types import Command, Measurement, NodeHealth, Pair, PumpFeedback,
 from hil.wire.command_sender import CommandSender
 from hil.wire.contract import Contract
 from hil.wire.receiver import Receiver
+from tests.narrowing import not_none
 
 ROOT = Path(__file__).resolve().parents[2]
 DBC = (ROOT / "config/bench.dbc").read_text()
@@ -33,7 +34,7 @@ DEFAULTS = {
 
 def sealed(name: str, payload: bytes) -> bytes:
     """Payload (the CRC's byte left out) with its CRC, by the description in the DBC."""
-    data_id = DATABASE.get_message_by_name(name).dbc.attributes["DataId"].value
+    data_id = not_none(DATABASE.get_message_by_name(name).dbc).attributes["DataId"].value
     return payload + bytes([Crc8Autosar.calc(data_id.to_bytes(2, "little") + payload)])
 
 
