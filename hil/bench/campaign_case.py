@@ -1,4 +1,4 @@
-"""One case of a campaign from its story to its row: what every worker does, whatever started it."""
+"""One case of a campaign, from its scenario to its row: what every worker process does."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from hil.campaigns import outcome
 from hil.campaigns.cases import Case
 from hil.campaigns.observer import Observer
 from hil.campaigns.outcome import Rest
-from hil.campaigns.row import Row, Took
+from hil.campaigns.row import Elapsed, Row
 from hil.campaigns.toml_text import toml_text
 from hil.edge.can.bus import BusPort
 from hil.edge.can.pair_bus import pair
@@ -30,16 +30,16 @@ from hil.edge.record.run_folder import Window
 from hil.wire.contract import Contract
 
 REST_NS = 500_000_000
-"""How long the emulator goes on alone after a run, so that what it comes to rest at can be seen."""
+"""How long the emulator goes on alone after a run, to see at which levels and voltages it comes to rest."""
 
 
 def run_case(case: Case, config_dir: Path, bound_s: outcome.Bound | None = None) -> Row:
     """Run a case in lockstep, without a record. What a run raises becomes its row: the others go on."""
-    started = Took.now()
+    started = Elapsed.now()
     try:
         return _run(case, config_dir, bound_s, started)
     except Exception as error:  # noqa: BLE001 - a case must not take the campaign down; its row says that it crashed
-        return outcome.crash(case, error, Took.since(started))
+        return outcome.crash(case, error, Elapsed.since(started))
 
 
 def check(case: Case, config_dir: Path, where: str) -> None:
@@ -48,7 +48,7 @@ def check(case: Case, config_dir: Path, where: str) -> None:
     _emulator_settings(case, config_dir, where)
 
 
-def _run(case: Case, config_dir: Path, bound_s: outcome.Bound | None, started: Took) -> Row:
+def _run(case: Case, config_dir: Path, bound_s: outcome.Bound | None, started: Elapsed) -> Row:
     bench = _bench(case, config_dir, case.key)
     config = controller_config(bench)
     truth, faults = _emulator_settings(case, config_dir, case.key)
@@ -69,7 +69,7 @@ def _run(case: Case, config_dir: Path, bound_s: outcome.Bound | None, started: T
         observer.result(),
         ending,
         rest,
-        took=Took.since(started),
+        elapsed=Elapsed.since(started),
         bound_s=bound_s or (lambda _: scenario_bound.information_bound(bench, truth.nodes.levels_period_s)),
     )
 
@@ -86,8 +86,8 @@ def _figures(bench: Bench) -> outcome.RigFigures:
 
 
 def _bench(case: Case, config_dir: Path, where: str) -> Bench:
-    """As `build.load`, from the case's story instead of a file."""
-    scenario = validated(Scenario, case.story, where)
+    """As `assembly.load`, from a dict instead of a file."""
+    scenario = validated(Scenario, case.scenario_data, where)
     rig = load_rig(config_dir / "rig.toml", scenario, Path(where))
     return Bench(scenario, rig, _contract(config_dir), Path(where), config_dir)
 
@@ -95,7 +95,7 @@ def _bench(case: Case, config_dir: Path, where: str) -> Bench:
 def _emulator_settings(case: Case, config_dir: Path, where: str) -> tuple[EmulatorSettings, tuple[Fault, ...]]:
     """The emulator reads files; it gets one."""
     file = _scratch() / "case.toml"
-    file.write_text(toml_text(case.story), encoding="utf-8")
+    file.write_text(toml_text(case.scenario_data), encoding="utf-8")
     try:
         return emulator_settings.load(config_dir / "emulator.toml", file)
     except emulator_settings.SettingsError as error:

@@ -17,7 +17,7 @@ from typing import Any
 from hil.bench.campaign_case import run_case
 from hil.campaigns import outcome
 from hil.campaigns.cases import Case
-from hil.campaigns.row import Row, Took
+from hil.campaigns.row import Elapsed, Row
 from hil.edge.config.settings_file import SettingsError
 
 INSTALL = "pip install 'fourtank-hil[campaign]'"
@@ -61,7 +61,7 @@ def _over_dask(cases: Sequence[Case], config_dir: Path, processes: int, schedule
                 yield future.result()
             else:  # its worker was killed again and again
                 yield outcome.crash(
-                    case, error if isinstance(error, Exception) else RuntimeError(str(error)), Took(0.0, 0.0)
+                    case, error if isinstance(error, Exception) else RuntimeError(str(error)), Elapsed(0.0, 0.0)
                 )
             future.release()
 

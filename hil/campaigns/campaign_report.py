@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from hil.campaigns import delay_figures, statistics
-from hil.campaigns.figure_text import rate_text, spread_text
+from hil.campaigns.figure_text import not_played_text, rate_text, spread_text
 from hil.campaigns.row import INVARIANTS, Row
 from hil.campaigns.statistics import FaultClass
 from hil.campaigns.store import Store
@@ -42,8 +42,8 @@ def render(name: str, rows: Sequence[Row]) -> str:
             _header(name, rows),
             _cards(rows),
             page.section("Safety", _invariants(rows)),
-            page.section("Classes of faults", _class_table(classes)),
-            page.section("What was there, and what was declared", _confusion(rows)),
+            page.section("Classes of faults", _class_table(classes) + _not_played(rows)),
+            page.section("Faults played, and faults declared", _confusion(rows)),
             page.section("Delays", _figures(classes, rows)),
             page.section("False alarms", _false_alarms(rows)),
             page.section("Trips", _trips(rows)),
@@ -122,13 +122,18 @@ def _class_table(classes: Sequence[FaultClass]) -> str:
         for one in classes
     ]
     heads = [
-        "fault", "runs", "found", "found after [s]", "bound [s]", "told after [s]", "among candidates", "right",
+        "fault", "runs", "found", "found after [s]", "bound [s]", "isolated after [s]", "among candidates", "right",
         "flips", "size error, 1 s", "5 s", "IAE after it, outputs 1 | 2 [V s]",
     ]  # fmt: skip
     note = (
         '<p class="soft">Median / 95th percentile. Delays since the onset; size errors of a pump\'s effectiveness.</p>'
     )
     return page.table(heads, lines, numeric=frozenset(range(1, len(heads)))) + note
+
+
+def _not_played(rows: Sequence[Row]) -> str:
+    text = not_played_text(statistics.not_played(rows))
+    return f"<p>{page.escape(text)}.</p>" if text else ""
 
 
 def _confusion(rows: Sequence[Row]) -> str:
@@ -139,7 +144,7 @@ def _confusion(rows: Sequence[Row]) -> str:
             totals[name] = totals.get(name, 0) + count
     named = sorted(totals, key=lambda name: (-totals[name], name))[:MAX_DECLARED]
     rest = set(totals) - set(named)
-    heads = ["there", *named, *([OTHER] if rest else [])]
+    heads = ["played", *named, *([OTHER] if rest else [])]
     lines = [[label, *_counts(counts, named, rest)] for label, counts in table.items()]
     return page.table(heads, lines, numeric=frozenset(range(1, len(heads)))) if lines else ""
 

@@ -17,26 +17,26 @@ ONSET_DIGITS = 6
 HEALTHY, PAIRS = "no fault", "pairs"
 
 Fault = dict[str, Any]
-Story = dict[str, Any]
+ScenarioData = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class Case:
     """One run.
 
-    key : of all that its result depends on. label : what it is grouped by. story : the scenario as a dict.
+    key : of all that its result depends on. label : what it is grouped by. scenario_data : the scenario as a dict.
     """
 
     key: str
     label: str
     scenario: str
     seed: int
-    story: Story
+    scenario_data: ScenarioData
 
     @property
     def faults(self) -> Sequence[Mapping[str, Any]]:
         """The scenario's [[fault]] tables."""
-        faults: Sequence[Mapping[str, Any]] = self.story.get("fault", ())
+        faults: Sequence[Mapping[str, Any]] = self.scenario_data.get("fault", ())
         return faults
 
 
@@ -50,15 +50,18 @@ class Cell:
     value: float | None = None
 
 
-def expand(spec: Spec, stories: Sequence[Story], digest: str = "") -> tuple[Case, ...]:
+def expand(spec: Spec, scenarios: Sequence[ScenarioData], digest: str = "") -> tuple[Case, ...]:
     """All cases: scenarios times cells times seeds.
 
-    stories : the spec's scenario files as dicts. digest : of whatever else results depend on.
+    scenarios : the spec's scenario files as dicts. digest : of whatever else results depend on.
     """
     about = spec.campaign
     seeds = range(about.first_seed, about.first_seed + about.seeds)
     cases = [
-        _case(spec, cell, story, seed, digest) for story in stories for cell in _cells(spec, story) for seed in seeds
+        _case(spec, cell, scenario_data, seed, digest)
+        for scenario_data in scenarios
+        for cell in _cells(spec, scenario_data)
+        for seed in seeds
     ]
     return tuple(cases)
 
@@ -72,7 +75,7 @@ def with_seeds(spec: Spec, seeds: int | None, first_seed: int | None, duration_s
 
 def check_faults_are_played(case: Case, where: str) -> None:
     """A fault that begins after the end of the run would count as one that was not found. Raises SettingsError."""
-    duration_s = float(case.story["scenario"]["duration_s"])
+    duration_s = float(case.scenario_data["scenario"]["duration_s"])
     for fault in case.faults:
         if float(fault["at_s"]) >= duration_s:
             raise SettingsError(
@@ -94,7 +97,7 @@ def _class_name(kind: str, targets: str, value: float | None) -> str:
     return name if value is None else f"{name} = {value:g}"
 
 
-def _cells(spec: Spec, story: Story) -> Iterator[Cell]:
+def _cells(spec: Spec, scenario_data: ScenarioData) -> Iterator[Cell]:
     for row in spec.fault:
         for target in row.targets:
             for value in row.values or (None,):
@@ -103,21 +106,21 @@ def _cells(spec: Spec, story: Story) -> Iterator[Cell]:
     if spec.pairs is not None:
         yield Cell(PAIRS)
     if not spec.fault and spec.pairs is None:
-        yield Cell(fault_label(story.get("fault", ())))
+        yield Cell(fault_label(scenario_data.get("fault", ())))
 
 
-def _case(spec: Spec, cell: Cell, story: Story, seed: int, digest: str) -> Case:
+def _case(spec: Spec, cell: Cell, scenario_data: ScenarioData, seed: int, digest: str) -> Case:
     """The cell's faults by this seed, the spec's tables laid over, all of it under a key."""
-    story = merged(story, spec.overlay)
+    scenario_data = merged(scenario_data, spec.overlay)
     if spec.campaign.duration_s is not None:
-        story = merged(story, {"scenario": {"duration_s": spec.campaign.duration_s}})
+        scenario_data = merged(scenario_data, {"scenario": {"duration_s": spec.campaign.duration_s}})
     random = Random(f"{seed}/{cell.label}")  # noqa: S311 - a draw that anyone can repeat is what is wanted
     if cell.row is not None:
-        story = {**story, "fault": _grid_faults(cell, random)}
+        scenario_data = {**scenario_data, "fault": _grid_faults(cell, random)}
     elif cell.label == PAIRS and spec.pairs is not None:
-        story = {**story, "fault": _pair_faults(spec, random)}
-    case = Case("", cell.label, str(story.get("scenario", {}).get("name", "")), seed, story)
-    return replace(case, key=_key(story, seed, digest))
+        scenario_data = {**scenario_data, "fault": _pair_faults(spec, random)}
+    case = Case("", cell.label, str(scenario_data.get("scenario", {}).get("name", "")), seed, scenario_data)
+    return replace(case, key=_key(scenario_data, seed, digest))
 
 
 def _grid_faults(cell: Cell, random: Random) -> list[Fault]:
@@ -153,6 +156,6 @@ def _fault(row: FaultRow | PoolRow, target: Target, value: float | None, at_s: f
     return {**fault, **row.also}
 
 
-def _key(story: Story, seed: int, digest: str) -> str:
-    text = json.dumps([story, seed, digest], sort_keys=True, ensure_ascii=False)
+def _key(scenario_data: ScenarioData, seed: int, digest: str) -> str:
+    text = json.dumps([scenario_data, seed, digest], sort_keys=True, ensure_ascii=False)
     return hashlib.sha256(text.encode()).hexdigest()[:KEY_DIGITS]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from hil.campaigns.statistics import Rate, Spread
 
 
@@ -19,3 +21,11 @@ def spread_text(values: Spread, digits: int = 3) -> str:
     if values.median is None or values.p95 is None:
         return "–"
     return f"{values.median:.{digits}g} / {values.p95:.{digits}g}"
+
+
+def not_played_text(classes: Mapping[str, int]) -> str:
+    """Runs whose faults had not begun when they ended, by class of faults; "" when there is none."""
+    if not classes:
+        return ""
+    listed = ", ".join(f"{label} ({runs})" for label, runs in classes.items())
+    return f"Not judged, because the run ended before the fault began: {listed}"

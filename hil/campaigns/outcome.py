@@ -12,7 +12,7 @@ import numpy as np
 
 from hil.campaigns.cases import Case
 from hil.campaigns.observer import Observations, rate_broken
-from hil.campaigns.row import CRASHED, Row, Took
+from hil.campaigns.row import CRASHED, Elapsed, Row
 from hil.core.types import UNRESOLVED
 from hil.edge.record.run_folder import Window
 from hil.loop import Outcome as Ending
@@ -50,18 +50,19 @@ def evaluate(
     ending: Ending,
     rest: Rest,
     *,
-    took: Took,
+    elapsed: Elapsed,
     bound_s: Bound | None = None,
 ) -> Row:
     """The run's row."""
-    faults = injected(case.faults)
+    run_s = float(seen.steps[-1, 0]) + bench.period_s if len(seen.steps) else 0.0
+    planned = injected(case.faults)
+    faults = tuple(fault for fault in planned if fault.at_s < run_s)  # a run may end, by a trip, before its fault
     process = [fault for fault in faults if fault.is_of_the_process]
     findings = merged(event.data for _, event in seen.events if event.code == "alarm")
     verdict = judge(faults, findings)
-    run_s = float(seen.steps[-1, 0]) + bench.period_s if len(seen.steps) else 0.0
     healthy_s = min([fault.at_s for fault in process] + [run_s])
     columns = {
-        **_about(case, faults),
+        **_about(case, planned),
         **_diagnosis(process, verdict, findings, seen),
         **_errors(bench, seen, faults),
         **_safety(bench, seen, rest, faults),
@@ -69,17 +70,18 @@ def evaluate(
     }
     return Row(
         bound_s=None if bound_s is None else bound_s(case),
+        not_played=len(planned) - len(faults),
         hours=run_s / 3600.0,
         healthy_h=healthy_s / 3600.0,
         crashed=False,
         steps=len(seen.steps),
-        wall_s=took.wall_s,
-        cpu_s=took.cpu_s,
+        wall_s=elapsed.wall_s,
+        cpu_s=elapsed.cpu_s,
         **columns,
     )
 
 
-def crash(case: Case, error: Exception, took: Took) -> Row:
+def crash(case: Case, error: Exception, elapsed: Elapsed) -> Row:
     """The row of a run that raised: a bug, and reported as one."""
     empty: dict[str, Any] = {
         field.name: {"str": "", "int": 0, "float": 0.0, "bool": False}.get(str(field.type)) for field in fields(Row)
@@ -87,7 +89,7 @@ def crash(case: Case, error: Exception, took: Took) -> Row:
     text = f"{type(error).__name__}: {error}"
     empty |= _about(case, injected(case.faults))
     empty |= {"crashed": True, "broken": text, "status": CRASHED, "reason": text, "alarms_json": "[]"}
-    empty |= asdict(took)
+    empty |= asdict(elapsed)
     return Row(**empty)
 
 

@@ -10,20 +10,20 @@ INVARIANTS = ("overflow", "dry_run", "applied_out_of_range", "rate_broken", "lat
 
 
 @dataclass(frozen=True, slots=True)
-class Took:
-    """Time that a run took: by the clock, and of the processor, which other programs don't lengthen."""
+class Elapsed:
+    """Time that a run needs: by the clock, and of the processor, which other programs don't lengthen."""
 
     wall_s: float
     cpu_s: float
 
     @classmethod
-    def since(cls, started: Took) -> Took:
+    def since(cls, started: Elapsed) -> Elapsed:
         """From `started`, as `now` gave it."""
         now = cls.now()
         return cls(now.wall_s - started.wall_s, now.cpu_s - started.cpu_s)
 
     @classmethod
-    def now(cls) -> Took:
+    def now(cls) -> Elapsed:
         """Both clocks."""
         return cls(time.perf_counter(), time.process_time())
 
@@ -32,12 +32,14 @@ class Took:
 class Row:
     """One run. None: not known, or does not apply. JSON columns end in _json.
 
-    detected : some alarm speaks of the faults injected; delays count from the first onset, the isolation's to the last
-    fault named. candidates_hold : the fault was among what it could be when it was first spoken of. right : all faults
-    are named as they are, and nothing else. size_error_* : of a pump's effectiveness, 1 and 5 s after its isolation.
-    declared : all that was named after the onset, each once.
+    detected : some alarm names a fault that was played; delays count from the first onset, the isolation's to the last
+    fault named. candidates_hold : the fault was among the candidates of its first alarm. right : all faults are named
+    as they are, and nothing else. not_played : how many faults had not begun when the run ended; they are not judged,
+    and where none was played, detected and what follows from it is None. size_error_* : of a pump's effectiveness, 1
+    and 5 s after its isolation. declared : all that was named after the onset, each once.
     healthy_h : hours before the first fault of the process. spilled_cm3 : what went over a rim.
-    overflow to crashed : the invariants, true where broken; broken : in words. wall_s, cpu_s : time it took.
+    overflow to crashed : the invariants, true where broken; broken : in words. wall_s, cpu_s : elapsed time, and
+    processor time, which other programs don't lengthen.
     """
 
     key: str
@@ -56,6 +58,7 @@ class Row:
     declared: str
     candidates_hold: bool | None
     right: bool | None
+    not_played: int
     size_error_1s: float | None
     size_error_5s: float | None
     flips: int

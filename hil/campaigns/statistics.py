@@ -79,11 +79,17 @@ def fault_classes(rows: Iterable[Row]) -> tuple[FaultClass, ...]:
     return tuple(_fault_class(label, group) for label, group in groups.items())
 
 
+def not_played(rows: Iterable[Row]) -> dict[str, int]:
+    """For each class of faults the runs that ended before all their faults had begun; classes without any left out."""
+    return dict(Counter(row.label for row in rows if row.not_played))
+
+
 def confusion(rows: Iterable[Row]) -> dict[str, Counter[str]]:
     """What was declared, by class of faults; pairs are too many kinds to be told apart here."""
     table: dict[str, Counter[str]] = {}
     for row in rows:
-        if row.label != PAIRS and not row.crashed:
+        is_not_judged = row.detected is None and row.not_played > 0
+        if row.label != PAIRS and not row.crashed and not is_not_judged:
             table.setdefault(row.label, Counter())[row.declared or NOTHING] += 1
     return table
 

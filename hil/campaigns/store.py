@@ -108,7 +108,7 @@ class Store:
         for case in cases:
             if case.key in keys:
                 folder.mkdir(exist_ok=True)
-                write_atomically(folder / f"{case.key}.toml", toml_text(case.story))
+                write_atomically(folder / f"{case.key}.toml", toml_text(case.scenario_data))
         return folder
 
     def _ends_whole(self) -> bool:

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from hil.campaigns import statistics
-from hil.campaigns.figure_text import rate_text, spread_text
+from hil.campaigns.figure_text import not_played_text, rate_text, spread_text
 from hil.campaigns.row import Row
 from hil.campaigns.statistics import FaultClass
 
@@ -24,6 +24,8 @@ def show(console: Console, rows: Sequence[Row]) -> None:
     classes = statistics.fault_classes(rows)
     if classes:
         console.print(_class_table(classes))
+    if missing := not_played_text(statistics.not_played(rows)):
+        console.print(missing, highlight=False, markup=False)
     console.print(f"False alarms: {rate_text(statistics.false_alarms(rows))}", highlight=False)
     for name, guilty in statistics.broken(rows).items():
         if guilty:
@@ -47,7 +49,7 @@ def _class_table(classes: Sequence[FaultClass]) -> Table:
         "right",
         "found\nafter [s]",
         "bound\n[s]",
-        "told\nafter [s]",
+        "isolated\nafter [s]",
         "size error\n5 s later",
     ):
         table.add_column(name, justify="right")

@@ -50,7 +50,7 @@ class Job:
     record: Path | None = None
 
     @property
-    def story(self) -> dict[str, Any]:
+    def scenario_data(self) -> dict[str, Any]:
         """The scenario as a dict, changes and all."""
         return merged(read_toml(self.scenario_path), dict(self.changes))
 
@@ -97,14 +97,14 @@ def _work(job: Job) -> Figures:
 
 def _recorded(job: Job, record: Path) -> Figures:
     bench = assembly.load(job.scenario_path, job.config_dir)
-    bench = replace(bench, scenario=validated(Scenario, job.story, str(job.scenario_path)))
+    bench = replace(bench, scenario=validated(Scenario, job.scenario_data, str(job.scenario_path)))
     kpi: Kpi = lockstep_run.simulate(bench, run_options.RunOptions(record, job.seed))
     return Figures(kpi.iae_Vs)
 
 
 def _unrecorded(job: Job) -> Figures:
     name = job.scenario_path.stem
-    row = run_case(Case(name, name, name, job.seed, job.story), job.config_dir, lambda _: None)
+    row = run_case(Case(name, name, name, job.seed, job.scenario_data), job.config_dir, lambda _: None)
     if row.crashed:
         raise RuntimeError(f"{name}, seed {job.seed}: {row.reason}")
     windows = {name: (iae[0], iae[1]) for name, iae in json.loads(row.iae_windows_json).items()}

@@ -8,7 +8,7 @@ from typing import Any
 
 from hil.campaigns.cases import Case, expand
 from hil.campaigns.outcome import crash
-from hil.campaigns.row import Row, Took
+from hil.campaigns.row import Elapsed, Row
 from hil.campaigns.spec import load_spec
 from hil.edge.config.settings_file import read_toml
 
@@ -94,7 +94,7 @@ def first_case(file: Path) -> Case:
 
 def row(**changes: Any) -> Row:
     """A sound run without a fault, but for the changes."""
-    sound = crash(Case("key", "no fault", "short", 1, {}), RuntimeError(), Took(2.0, 1.0))
+    sound = crash(Case("key", "no fault", "short", 1, {}), RuntimeError(), Elapsed(2.0, 1.0))
     sound = replace(sound, crashed=False, broken="", status="complete", reason="", hours=0.5, healthy_h=0.5, steps=1000)
     return replace(sound, **changes)
 

@@ -86,8 +86,8 @@ def test_without_a_grid_the_scenarios_own_faults_are_played(tmp_path: Path) -> N
 
 def test_tables_are_laid_over_the_scenarios(tmp_path: Path) -> None:
     (case, *_) = cases_of(campaign_file(tmp_path))
-    assert case.story["emulator"] == {"parameter_spread": 0.03}
-    assert case.story["diagnosis"] == {"method": "ideal", "delay_s": 0.5}
+    assert case.scenario_data["emulator"] == {"parameter_spread": 0.03}
+    assert case.scenario_data["diagnosis"] == {"method": "ideal", "delay_s": 0.5}
 
 
 def test_a_folder_and_a_scenario_are_campaigns_too(tmp_path: Path) -> None:
@@ -108,14 +108,14 @@ def test_the_command_line_says_seeds_and_duration(tmp_path: Path) -> None:
     said = with_seeds(spec, 2, 100, 5.0)
     cases = expand(said, [tomllib.loads(SHORT)])
     assert {case.seed for case in cases} == {100, 101}
-    assert {case.story["scenario"]["duration_s"] for case in cases} == {5.0}
+    assert {case.scenario_data["scenario"]["duration_s"] for case in cases} == {5.0}
     assert with_seeds(spec, None, None, None) == spec
 
 
 def test_a_case_written_down_is_the_same_scenario(tmp_path: Path) -> None:
     for case in cases_of(campaign_file(tmp_path, GRID + PAIRS)):
-        again = tomllib.loads(toml_text(case.story))
-        assert json.dumps(again, sort_keys=True) == json.dumps(case.story, sort_keys=True)
+        again = tomllib.loads(toml_text(case.scenario_data))
+        assert json.dumps(again, sort_keys=True) == json.dumps(case.scenario_data, sort_keys=True)
         validated(Scenario, again, "again")
     odd = {"rig": {"a b": {"c": [1.5, True, float("inf")], "d": 'quote " and \\ and ü'}}, "reference": [{"at_s": 1e-7}]}
     assert tomllib.loads(toml_text(odd)) == odd
@@ -176,4 +176,6 @@ def test_the_shipped_campaigns_can_be_run(file: Path) -> None:
     for case in cases_of(file):
         labels.setdefault(f"{case.label} {case.faults if case.label == 'pairs' else ''}", case)
     for case in labels.values():
-        campaign_case.check(replace(case, story={**case.story, "diagnosis": {"method": "none"}}), CONFIG, case.label)
+        campaign_case.check(
+            replace(case, scenario_data={**case.scenario_data, "diagnosis": {"method": "none"}}), CONFIG, case.label
+        )

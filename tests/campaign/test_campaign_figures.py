@@ -14,7 +14,7 @@ from hil.campaigns.campaign_report import render
 from hil.campaigns.cases import Case
 from hil.campaigns.observer import COLUMNS, Observations, Observer, rate_broken
 from hil.campaigns.outcome import Rest, RigFigures
-from hil.campaigns.row import INVARIANTS, Row, Took
+from hil.campaigns.row import INVARIANTS, Elapsed, Row
 from hil.campaigns.store import Store
 from hil.core.types import Alarm, Event, Mode, Pair, Severity, TickRecord
 from hil.edge.record.run_folder import RunFolderError
@@ -59,7 +59,7 @@ def seen(steps: int = 100, **columns: float | npt.NDArray[Any]) -> Observations:
 
 def judged(observations: Observations, case: Case = FAULTY, rest: Rest = REST, bench: RigFigures = BENCH) -> Row:
     ending = Ending("complete", "", 10.0, 100, 0, 0)
-    return outcome.evaluate(case, bench, observations, ending, rest, took=Took(1.0, 1.0))
+    return outcome.evaluate(case, bench, observations, ending, rest, elapsed=Elapsed(1.0, 1.0))
 
 
 def at(step: int, value: float, otherwise: float, steps: int = 100) -> np.ndarray:
@@ -154,7 +154,7 @@ def test_what_was_declared_is_named_once_and_counted_with_the_alarms() -> None:
 
 def test_voltage_after_the_end_and_pumps_without_water_are_seen() -> None:
     assert judged(seen(), rest=replace(REST, applied_V=(0.0, 1.0))).breaks == ("not_at_rest",)
-    dry = replace(FAULTY, story={"fault": [{"kind": "reservoir_low", "at_s": 4.0}]})
+    dry = replace(FAULTY, scenario_data={"fault": [{"kind": "reservoir_low", "at_s": 4.0}]})
     assert judged(seen(), case=dry).breaks == ("dry_run",)
     off = np.where(np.arange(100) * 0.1 > 5.9, 0.0, 3.0)
     assert judged(seen(v1_V=off, v2_V=off), case=dry).breaks == ()
@@ -232,3 +232,13 @@ def test_rows_come_back_but_for_those_that_crashed_and_those_that_are_none(tmp_p
     store.manifest_path.write_text("nonsense")
     with pytest.raises(RunFolderError, match="can't be a campaign's folder"):
         Store.open(tmp_path / "out", {"name": "mine"})
+
+
+def test_faults_that_were_not_played_are_told_apart_from_those_not_found() -> None:
+    played = row(label="leak 1", detected=False, right=False)
+    late = row(label="leak 1", not_played=1)
+    (leaks,) = statistics.fault_classes([played, late])
+    assert (leaks.runs, leaks.detected) == (1, 0.0)
+    assert statistics.not_played([played, late]) == {"leak 1": 1}
+    assert statistics.confusion([played, late]) == {"leak 1": {"nothing": 1}}
+    assert "the run ended before the fault began: leak 1 (1)" in render("late", [played, late])

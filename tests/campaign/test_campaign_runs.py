@@ -37,7 +37,7 @@ def run(file: Path, out: Path, **options: object) -> int:
 def test_a_run_without_a_record_comes_to_what_the_recorded_one_comes_to(case: Case, row: Row, tmp_path: Path) -> None:
     """The same but for the digits of the record; the recorded run goes over python-can's virtual bus."""
     scenario = tmp_path / "case.toml"
-    scenario.write_text(toml_text(case.story))
+    scenario.write_text(toml_text(case.scenario_data))
     kpi = lockstep_run.simulate(
         assembly.load(scenario), run_options.RunOptions(tmp_path / "run", seed=case.seed, rerun=False)
     )
@@ -68,7 +68,7 @@ def test_a_run_depends_on_nothing_but_its_case(case: Case, row: Row) -> None:
 
 
 def test_nobody_to_say_anything_misses_the_fault(case: Case) -> None:
-    silent = run_case(replace(case, story={**case.story, "diagnosis": {"method": "none"}}), CONFIG)
+    silent = run_case(replace(case, scenario_data={**case.scenario_data, "diagnosis": {"method": "none"}}), CONFIG)
     assert (silent.detected, silent.right, silent.detection_s, silent.declared) == (False, False, None, "")
 
 
@@ -76,16 +76,57 @@ def test_the_bound_goes_into_the_row(case: Case) -> None:
     assert run_case(case, CONFIG, lambda asked: 0.25 if asked is case else None).bound_s == 0.25
 
 
+HIGH = {"at_s": 1.0, "kind": "outlet_block", "target": 1, "value": 1.0}
+
+
+def test_a_fault_that_begins_after_a_trip_is_not_judged(case: Case) -> None:
+    """It used to count as one that was not found."""
+    late = {"at_s": 150.0, "kind": "pump_effectiveness", "target": 1, "value": 0.4}
+    changes = {"scenario": {"name": "high", "duration_s": 200.0}, "diagnosis": {"method": "none"}}
+    data = {**case.scenario_data, **changes, "control": {"reconfigure": False}, "fault": [HIGH, late]}
+    row = run_case(replace(case, scenario_data=data), CONFIG)
+    assert row.trip_s is not None
+    assert row.trip_s < 150.0
+    assert (row.not_played, row.detected) == (1, False), "the blocked outlet was played, and not found"
+    stopped = {**case.scenario_data, "request": [{"at_s": 2.0, "action": "stop"}]}
+    row = run_case(replace(case, scenario_data=stopped), CONFIG)
+    assert (row.not_played, row.detected, row.right, row.detection_s) == (1, None, None, None)
+
+
+def test_faults_that_would_begin_after_the_end_are_refused_before_the_first_run(tmp_path: Path) -> None:
+    """`--duration 200` with onsets drawn up to 300 s used to report faults that never began as not found, 0.0 %."""
+    file = campaign_file(tmp_path, FEW)
+    with pytest.raises(SettingsError, match=r"seed 5: pump_effectiveness begins at 3\.\d+ s.*ends at 2 s.*--duration"):
+        run(file, tmp_path / "out", duration_s=2.0)
+    with pytest.raises(SettingsError, match=r"begins at 4\.05 s, but the run ends at 4 s"):
+        run(tmp_path / "short.toml", tmp_path / "out", duration_s=4.0, seeds=1)
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_shipped_pump_losses_with_a_short_duration_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match=r"pump_losses\.toml.*it would not be played"):
+        run(CONFIG / "campaigns" / "pump_losses.toml", tmp_path / "out", duration_s=200.0)
+
+
 def test_a_run_that_raises_is_a_row_that_says_so(case: Case) -> None:
-    broken = run_case(replace(case, story={**case.story, "fault": [{"at_s": 1.0, "kind": "earthquake"}]}), CONFIG)
+    broken = run_case(
+        replace(case, scenario_data={**case.scenario_data, "fault": [{"at_s": 1.0, "kind": "earthquake"}]}), CONFIG
+    )
     assert broken.breaks == ("crashed",)
     assert "earthquake" in broken.reason
 
 
 def test_a_trip_is_in_the_row_and_leaves_the_pumps_at_rest(case: Case) -> None:
     blocked = {"at_s": 1.0, "kind": "outlet_block", "target": 1, "value": 1.0}
-    story = {**case.story, "diagnosis": {"method": "none"}, "control": {"reconfigure": False}, "fault": [blocked]}
-    tripped = run_case(replace(case, story={**story, "scenario": {"name": "high", "duration_s": 200.0}}), CONFIG)
+    scenario_data = {
+        **case.scenario_data,
+        "diagnosis": {"method": "none"},
+        "control": {"reconfigure": False},
+        "fault": [blocked],
+    }
+    tripped = run_case(
+        replace(case, scenario_data={**scenario_data, "scenario": {"name": "high", "duration_s": 200.0}}), CONFIG
+    )
     assert (tripped.status, tripped.trip_cause) == ("tripped", "high_level")
     assert tripped.trip_s is not None
     assert tripped.breaks == ()

@@ -30,9 +30,11 @@ def row(text: str, *names: str) -> list[str]:
 def test_every_run_can_be_built_and_only_two_are_recorded(tmp_path: Path) -> None:
     jobs = demo_command._jobs(CONFIG, tmp_path)
     for name, job in jobs.items():
-        check(Case("key", name, name, job.seed, job.story), CONFIG, name)
+        check(Case("key", name, name, job.seed, job.scenario_data), CONFIG, name)
     assert sorted(job.record.name for job in jobs.values() if job.record) == ["found", "kept"]
-    assert jobs["both recorded"].story["diagnosis"]["method"] == "glr", "the recording shows the diagnosis at work"
+    assert jobs["both recorded"].scenario_data["diagnosis"]["method"] == "glr", (
+        "the recording shows the diagnosis at work"
+    )
 
 
 def test_the_diagnosis_shows_its_median_over_the_rigs(tmp_path: Path) -> None:

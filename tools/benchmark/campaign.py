@@ -19,7 +19,7 @@ TARGET_MIN = 30.0
 
 def campaign_step(effort: Effort) -> list[Section]:
     """Unrecorded runs with and without the diagnosis, in turns; the first round warms up and does not count."""
-    story = read_toml(SCENARIO)
+    scenario_data = read_toml(SCENARIO)
     variants: dict[str, dict[str, Any]] = {
         "glr": {"diagnosis": {"method": "glr"}},
         "none": {"diagnosis": {"method": "none"}},
@@ -28,7 +28,7 @@ def campaign_step(effort: Effort) -> list[Section]:
     period_s = 0.1
     for index in range(effort.runs + 1):
         for method, changes in variants.items():
-            us = _run(Case(method, method, SCENARIO.stem, index, merged(story, changes)), ROOT / "config")
+            us = _run(Case(method, method, SCENARIO.stem, index, merged(scenario_data, changes)), ROOT / "config")
             if index:
                 took[method].append(us)
     rows = []
