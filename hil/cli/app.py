@@ -11,6 +11,7 @@ from typing import Annotated, Optional
 import typer
 from rich.console import Console
 
+from hil.edge.can import adapters
 from hil.version import __version__
 
 EXIT_BAD_INPUT = 2
@@ -38,11 +39,15 @@ app = typer.Typer(
 
 Interface = Annotated[
     Optional[str],
-    typer.Option("-i", "--interface", help="python-can interface: socketcan, slcan... Default: the rig file's."),
+    typer.Option(
+        "-i",
+        "--interface",
+        help=f"CAN interface: {adapters.known()}; or another of python-can. Default: the rig file's.",
+    ),
 ]
 Channel = Annotated[
     Optional[str],
-    typer.Option("-c", "--channel", help="can0, /dev/ttyACM0, socket://127.0.0.1:29536... Default: the rig file's."),
+    typer.Option("-c", "--channel", help=f"For {adapters.channels()}. Default: the rig file's."),
 ]
 Bitrate = Annotated[
     Optional[int],

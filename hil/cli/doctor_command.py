@@ -15,6 +15,7 @@ from hil.cli import result_table
 from hil.doctor.check_host import HostFacts, check_host
 from hil.doctor.check_link import LinkState, check_lines, check_link
 from hil.doctor.examination import Expectations, examine
+from hil.edge.can import adapters
 from hil.edge.can.bus import BusAddress, BusError, BusPort
 from hil.edge.config.rig_file import Rig, load_rig
 from hil.edge.config.settings_file import default_config_dir
@@ -52,14 +53,11 @@ class DoctorOptions:
 
 
 def run(console: Console, options: DoctorOptions, read_link: LinkReader = kernel_link) -> int:
-    """The examination; returns the exit code. Raises SettingsError, InterruptedByUserError."""
+    """Examine the bench; return the exit code. Raises SettingsError, BusError, InterruptedByUserError."""
     rig, contract, address = bench(options)
-    results = check_link(
-        read_link(address.channel) if address.interface == "socketcan" else None,
-        address.channel,
-        address.bitrate,
-        is_socketcan=address.interface == "socketcan",
-    )
+    has_link = adapters.find(address.interface).has_kernel_link
+    link = read_link(address.channel) if has_link else None
+    results = check_link(link, address.channel, address.bitrate, is_socketcan=has_link)
     console.print(f"Listening for {options.seconds:g} s, then some {COMMANDS_S} s of commands.", highlight=False)
     results += examined(address, contract, expectations(rig), options)
     results += check_host(read_host_facts(options.runs))
@@ -70,7 +68,7 @@ def run(console: Console, options: DoctorOptions, read_link: LinkReader = kernel
 
 
 def bench(options: DoctorOptions) -> tuple[Rig, Contract, BusAddress]:
-    """Rig, contract and bus address; raises SettingsError."""
+    """Rig, contract and bus address; raises SettingsError, and BusError for an unknown interface."""
     config_dir = options.config_dir or default_config_dir()
     rig = load_rig(config_dir / "rig.toml")
     contract = assembly.load_contract(config_dir / "bench.dbc")

@@ -365,7 +365,7 @@ def nobody_listens_there() -> str:
 
 
 BAD_BUSES = {
-    "unknown interface": ("telepathy", "mind", (), "telepathy", "not supported"),
+    "unknown interface": ("telepathy", "mind", (), "telepathy", "socketcan, slcan, virtual"),
     "port nobody listens on": ("slcan", nobody_listens_there(), (), "slcan", "refused"),
     "device that is not there": ("slcan", "/dev/nothing", (), "/dev/nothing", "No such file"),
     "file for a device": ("slcan", str(CONFIG / "rig.toml"), (), "rig.toml"),

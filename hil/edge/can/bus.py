@@ -9,13 +9,13 @@ from __future__ import annotations
 import errno
 from collections import Counter
 from dataclasses import dataclass
-from typing import Any
 
 import can
 from can.typechecking import CanFilter
 
-from hil.core.errors import HilError
 from hil.core.types import Event, Severity
+from hil.edge.can import adapters
+from hil.edge.can.adapters import BusError as BusError
 from hil.edge.can.slcan_bus import SlcanBus
 from hil.edge.host.clock import ArrivalClock
 from hil.wire import error_frames, rejections
@@ -31,46 +31,31 @@ SEND_FAILURES_IN_A_ROW = 3
 LARGEST_BATCH = 1000
 
 
-class BusError(HilError):
-    """A bus that can't be opened; the message says which and why."""
-
-
 @dataclass(frozen=True, slots=True)
 class BusAddress:
-    """A bus in python-can's words: interface, channel, bit/s."""
+    """A bus, named as in python-can: interface, channel, bit/s. Raises BusError for an unknown interface."""
 
     interface: str
     channel: str
     bitrate: int
 
+    def __post_init__(self) -> None:
+        adapters.find(self.interface)
+
     def open(self, ids: tuple[int, ...]) -> can.BusABC:
-        """Open it, letting through frames with these identifiers only, and none of our own.
+        """Open it. Let through frames with these identifiers only, and none of our own.
 
         Configuration files and variables of python-can are not read. Raises BusError.
         """
-        options: dict[str, Any] = {"bitrate": self.bitrate} if self.interface != "virtual" else {}
         filters: list[CanFilter] = [{"can_id": can_id, "can_mask": 0x7FF, "extended": False} for can_id in ids]
+        adapter = adapters.find(self.interface)
         try:
-            if self.interface == "slcan":
-                return SlcanBus(self.channel, self.bitrate, filters)
-            if self.interface == "socketcan":
-                from hil.edge.can.socketcan import SocketCan  # only now: netlink is nothing to the other buses
-
-                return SocketCan(self.channel, self.bitrate, filters)
-            return can.Bus(
-                interface=self.interface,
-                channel=self.channel,
-                can_filters=filters,
-                receive_own_messages=False,
-                ignore_config=True,
-                **options,
-            )
+            return adapter.open(self.channel, self.bitrate, filters)
         except (*BUS_ERRORS, NotImplementedError, TypeError) as error:
-            hint = ""
-            if self.interface == "socketcan" and getattr(error, "errno", None) == 97:
-                hint = " (this kernel has no SocketCAN)"
+            hint = adapter.hint(error)
             raise BusError(
-                f"bus {self.interface} {self.channel!r} at {self.bitrate} bit/s can't be opened: {error}{hint}"
+                f"bus {self.interface} {self.channel!r} at {self.bitrate} bit/s can't be opened: {error}"
+                + (f" ({hint})" if hint else "")
             ) from None
 
 

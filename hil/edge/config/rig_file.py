@@ -9,6 +9,8 @@ from pydantic import Field, field_validator, model_validator
 
 from hil.core.tanks import TankModel, equilibrium
 from hil.core.types import Pair
+from hil.edge.can import adapters
+from hil.edge.can.adapters import BusError
 from hil.edge.config.scenario_file import Scenario
 from hil.edge.config.settings_file import (
     NotNegative,
@@ -139,6 +141,15 @@ class Bus(Section):
     interface: str
     channel: str
     bitrate: Annotated[int, Field(ge=10_000, le=1_000_000)]
+
+    @field_validator("interface")
+    @classmethod
+    def _interface_is_known(cls, interface: str) -> str:
+        try:
+            adapters.find(interface)
+        except BusError as error:
+            raise ValueError(str(error)) from None
+        return interface
 
 
 class Rig(Section):
