@@ -1,1 +1,1 @@
-"""Helpers for those who work on the project; thin command lines."""
+"""Programs for developers of the project."""

@@ -18,11 +18,11 @@ from pathlib import Path
 from rerun.experimental import ViewerClient
 
 SIZE = "1600x1000"
-SETTLE_S = 12.0  # until the viewer's notices about its start have gone
+SETTLE_S = 12.0  # until the viewer's messages at its start have disappeared
 
 
 def screenshot(recording: Path, picture: Path, *, size: str = SIZE, at_s: float | None = None) -> None:
-    """Save a picture of the recording as it opens. at_s : where the time cursor goes; None: the start.
+    """Save a picture of the recording as it opens. at_s : position of the time cursor; None: the start.
 
     Raises RuntimeError when the viewer does not come up or saves no picture.
     """
@@ -74,7 +74,7 @@ def main() -> int:
     """Run the command line."""
     parser = argparse.ArgumentParser(description="A picture of a run's recording, made without a screen.")
     parser.add_argument("folder", type=Path, help="run folder, or an .rrd file")
-    parser.add_argument("picture", type=Path, help="where the PNG goes")
+    parser.add_argument("picture", type=Path, help="the PNG to write")
     parser.add_argument("--size", default=SIZE, help="in pixels (default: %(default)s)")
     parser.add_argument("--at", type=float, metavar="SECONDS", help="run time at the cursor (default: the start)")
     options = parser.parse_args()

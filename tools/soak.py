@@ -1,8 +1,8 @@
-"""Emulator and controller over slcan at 100 Hz for a while: `python -m tools.soak [--minutes M] [--realtime]`.
+"""Endurance test of emulator and controller over slcan at 100 Hz: `python -m tools.soak [--minutes M] [--realtime]`.
 
-Watches both processes from outside (/proc), counts the frames on the line between them with a relay of its own, and
-holds that against what both sides have counted. Exit code 1 if memory grew, threads came or went, or a frame is missing
-that nobody counted.
+Watches both processes from outside (/proc), counts the frames on the line between them with a relay, and compares that
+with the counts of both sides. Exit code 1 if memory grew, the number of threads changed, or a frame is missing that
+neither side counted.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ WARM_UP_SHARE, WARM_UP_MAX_S = 0.25, 120.0
 GROWTH_MAX = 0.02
 PATIENCE_S = 60.0
 IN_FLIGHT = 6
-"""Frames that may be on their way when the last command goes out: a burst of all identifiers."""
+"""Frames that may be in transit when the last command is sent: one of each identifier."""
 
 
 @dataclass
 class Watched:
-    """One process from outside: resident memory in kB and threads at each look, and when that was."""
+    """Observations of one process: resident memory in kB and number of threads at each sample, and its time."""
 
     name: str
     pid: int
@@ -47,7 +47,7 @@ class Watched:
     memory_kB: list[float] = field(default_factory=list)
     threads: list[int] = field(default_factory=list)
 
-    def look(self, t_s: float) -> None:
+    def sample(self, t_s: float) -> None:
         """Take a sample; a process that has ended gives none."""
         with suppress(OSError, KeyError):
             text = Path(f"/proc/{self.pid}/status").read_text(encoding="ascii", errors="replace")
@@ -73,10 +73,10 @@ class Relay:
         self._ends: tuple[socket.socket, socket.socket] | None = None
         self._rest = [b"", b""]
         self.frames = [0, 0]  # from the controller, from the emulator
-        self.frames_at_last_command = 0  # from the emulator; what comes later the controller no longer reads
+        self.frames_at_last_command = 0  # from the emulator; the controller does not read later ones
 
     def serve(self, until_s: float) -> None:
-        """Forward until then."""
+        """Forward until that time."""
         while (remaining_s := until_s - time.monotonic()) > 0.0:
             if self._ends is None:
                 self._admit(remaining_s)
@@ -87,7 +87,7 @@ class Relay:
                     break
 
     def close(self) -> None:
-        """Let go of all."""
+        """Close all connections."""
         self._hang_up()
         self._listener.close()
 
@@ -122,7 +122,9 @@ class Relay:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line."""
-    parser = argparse.ArgumentParser("python -m tools.soak", description="The bench at 100 Hz over slcan, watched.")
+    parser = argparse.ArgumentParser(
+        "python -m tools.soak", description="Endurance test: the bench at 100 Hz over slcan."
+    )
     parser.add_argument("--minutes", type=float, default=3.0, help="how long (default: 3; 30 is thorough)")
     parser.add_argument("--realtime", action="store_true", help="run the controller with --realtime")
     parser.add_argument("--keep", metavar="DIR", type=Path, help="keep the run folder there")
@@ -134,7 +136,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def soak(seconds: float, realtime: bool, run: Path, folder: Path) -> int:
-    """One run; 0 if nothing is wrong with it."""
+    """One run; 0 if all checks pass."""
     emulator = subprocess.Popen(
         [BIN / "firmware-sim", "--slcan", "0", "--record", folder / "node.jsonl"],
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True,
@@ -148,12 +150,12 @@ def soak(seconds: float, realtime: bool, run: Path, folder: Path) -> int:
         command = [str(BIN / "hil"), "run", str(SCENARIO), *line, "--out", str(run), "--no-report", *more]
         controller = subprocess.Popen(command)
         if realtime:
-            _go_first(emulator.pid, 0)
+            _raise_priority(emulator.pid, 0)
         watched = [Watched("emulator", emulator.pid), Watched("controller", controller.pid)]
         started_s = time.monotonic()
         while controller.poll() is None and time.monotonic() - started_s < seconds + PATIENCE_S:
             relay.serve(time.monotonic() + SAMPLE_S)
-            _look(watched, controller.pid, time.monotonic() - started_s)
+            _sample(watched, controller.pid, time.monotonic() - started_s)
         return report(Console(width=110), seconds, run, watched, relay, controller.poll())
     finally:
         for process in (controller, emulator):
@@ -165,7 +167,7 @@ def soak(seconds: float, realtime: bool, run: Path, folder: Path) -> int:
 
 
 def report(console: Console, seconds: float, run: Path, watched: list[Watched], relay: Relay, code: int | None) -> int:
-    """Say what was seen; 0 if all of it is as it should be."""
+    """Print the results; 0 if all checks pass."""
     warm_s = min(WARM_UP_SHARE * seconds, WARM_UP_MAX_S)
     verdicts = [_processes(console, watched, warm_s, seconds)]
     kpi = json.loads((run / "kpi.json").read_text()) if code is not None and (run / "kpi.json").exists() else {}
@@ -195,10 +197,10 @@ def report(console: Console, seconds: float, run: Path, watched: list[Watched], 
         table.add_row(name, value)
     console.print(table)
     verdicts += [
-        _said(console, code == 0, "the run completed"),
-        _said(console, missing <= counted["frames_lost"] + IN_FLIGHT, "no frame is missing that was not counted"),
-        _said(console, relay.frames[0] == sent, "every command of the record was on the line"),
-        _said(console, kpi["recorder"]["dropped"] == 0, "the record has no gaps"),
+        _check(console, code == 0, "the run completed"),
+        _check(console, missing <= counted["frames_lost"] + IN_FLIGHT, "no frame is missing that was not counted"),
+        _check(console, relay.frames[0] == sent, "every command of the record was on the line"),
+        _check(console, kpi["recorder"]["dropped"] == 0, "the record has no gaps"),
     ]
     return 0 if all(verdicts) else 1
 
@@ -212,42 +214,42 @@ def _processes(console: Console, watched: list[Watched], warm_s: float, until_s:
         memory_kB, threads = one.steady(warm_s, until_s)
         tenth = max(1, len(memory_kB) // 10)
         if not memory_kB:
-            verdicts.append(_said(console, False, f"{one.name}: was there to be watched"))
+            verdicts.append(_check(console, False, f"{one.name}: could be observed"))
             continue
         first, last = float(np.mean(memory_kB[:tenth])), float(np.mean(memory_kB[-tenth:]))
         growth = last / first - 1.0
         megabytes = (f"{kB / 1024:.1f} MB" for kB in (first, last, max(memory_kB)))
         table.add_row(one.name, *megabytes, f"{100 * growth:+.2f} %", ", ".join(map(str, sorted(threads))))
-        verdicts.append(_said(console, abs(growth) <= GROWTH_MAX, f"{one.name}: memory flat within 2 %"))
-        verdicts.append(_said(console, len(threads) == 1, f"{one.name}: threads constant"))
+        verdicts.append(_check(console, abs(growth) <= GROWTH_MAX, f"{one.name}: memory flat within 2 %"))
+        verdicts.append(_check(console, len(threads) == 1, f"{one.name}: threads constant"))
     console.print(table)
     return all(verdicts)
 
 
-def _go_first(*processes: int) -> None:
-    """Emulator and line stand for hardware, which no other process holds up: before the controller, where allowed."""
+def _raise_priority(*processes: int) -> None:
+    """Emulator and line replace hardware, which no process delays: run them before the controller."""
     for pid in processes:
         with suppress(PermissionError):
             os.sched_setscheduler(pid, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(DEFAULT_PRIORITY + 1))
 
 
-def _look(watched: list[Watched], controller: int, t_s: float) -> None:
-    """A sample of each; the controller's recorder is found when it is there."""
+def _sample(watched: list[Watched], controller: int, t_s: float) -> None:
+    """Sample each process; the controller's recorder is added when it has started."""
     if len(watched) == 2:
         with suppress(OSError):
             children = Path(f"/proc/{controller}/task/{controller}/children").read_text().split()
             watched += [Watched("recorder", int(child)) for child in children[:1]]
     for one in watched:
-        one.look(t_s)
+        one.sample(t_s)
 
 
 def _logged(run: Path) -> tuple[int, int]:
-    """Frames received and sent, by the controller's own record: all are in can.log, those sent in sent.log, too."""
+    """Frames received and sent in the controller's record: all are in can.log, those sent also in sent.log."""
     everything, sent = (sum(1 for _ in (run / name).open("rb")) for name in ("can.log", "sent.log"))
     return everything - sent, sent
 
 
-def _said(console: Console, is_so: bool, what: str) -> bool:
+def _check(console: Console, is_so: bool, what: str) -> bool:
     console.print(f"{'pass' if is_so else 'FAIL'}  {what}", highlight=False)
     return is_so
 

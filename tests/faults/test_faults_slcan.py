@@ -7,10 +7,6 @@ real time, for cases 24, 28 and 47 to 50, are in tests/live; adapters that answe
 import re
 
 import pytest
-import test_faults_bus as of_bus
-import test_faults_frames as of_frames
-import test_faults_nodes as of_nodes
-import test_faults_process as of_process
 
 from firmware_sim import frames as node
 from hil.edge.can.slcan_lines import LONGEST_LINE, LineReader, frame_line
@@ -18,6 +14,10 @@ from hil.wire.command_sender import CommandSender
 from hil.wire.receiver import Receiver
 from tests.bus.bus_bench import GARBAGE
 from tests.faults import slcan_bench
+from tests.faults import test_faults_bus as of_bus
+from tests.faults import test_faults_frames as of_frames
+from tests.faults import test_faults_nodes as of_nodes
+from tests.faults import test_faults_process as of_process
 from tests.faults.faults_bench import (
     OFF,
     RX_S,

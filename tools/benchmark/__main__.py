@@ -24,7 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "python -m tools.benchmark", description="Timings of the project, as ratios where there is a peer."
     )
     parser.add_argument("--write", action="store_true", help=f"put the figures into {DOCUMENT.relative_to(ROOT)}")
-    parser.add_argument("--quick", action="store_true", help="few repetitions: to see that it works")
+    parser.add_argument("--quick", action="store_true", help="few repetitions, for a quick check")
     options = parser.parse_args(arguments)
     effort = Effort(runs=2, rounds=7, steps=2_000) if options.quick else Effort()
     console = Console(width=max(Console().width, 120))

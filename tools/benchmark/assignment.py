@@ -1,4 +1,4 @@
-"""Eigenstructure assignment beside the pole placement of others, and what a new control law costs."""
+"""Eigenstructure assignment compared with other pole placement, and the cost of a new control law."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def eigenstructure_assignment(effort: Effort) -> list[Section]:
     if not has_slycot:
         rows.append(("control place_varga", "–", "–", "–", "", "–", "not measured: pip install slycot (GPL)"))
     note = (
-        "Six states, two inputs; the first row has the calibrated eigenvectors, which nobody else can be asked for. "
+        "Six states, two inputs; the first row has the calibrated eigenvectors, which the other methods can't assign. "
         "Their condition number of 541 is in its error. Ratio: time over the first row's. Error: largest distance of "
         "an achieved pole from the requested one, 1/s; to be no larger than the peers' where the eigenvectors are YT's."
     )
@@ -66,7 +66,7 @@ def eigenstructure_assignment(effort: Effort) -> list[Section]:
 
 
 def recomputation(effort: Effort) -> list[Section]:
-    """What a change of reference or diagnosis costs within a control step."""
+    """The cost of a change of reference or diagnosis within a control step."""
     config = assembly.controller_config(assembly.load(SCENARIO)).loop
     model, design = config.reconfiguration.model, config.reconfiguration.design
     at = linearise(model, equilibrium(model, config.reconfiguration.operating_point_V))
@@ -82,7 +82,7 @@ def recomputation(effort: Effort) -> list[Section]:
         (name, as_time(median(found)), as_time(min(found)), f"{100.0 * median(found) / TICK_US:.2f} %")
         for name, found in times.items()
     ]
-    note = "`law` is all of it: gains, operating voltages, the target that the pumps can reach. Tick: 100 ms."
+    note = "`law` includes gains, operating voltages and the target that the pumps can reach. Tick: 100 ms."
     return [Section("Recomputing the control law", note, ("what", "median", "best", "share of a tick"), rows)]
 
 
@@ -99,6 +99,6 @@ def _parameters(A: NDArray[Any], B: NDArray[Any], K: Any, poles: NDArray[Any]) -
 
 
 def _pole_error(A: NDArray[Any], B: NDArray[Any], K: Any, poles: NDArray[Any]) -> float:
-    """Largest distance of an eigenvalue of A - B K from the pole it stands for."""
+    """Largest distance of an eigenvalue of A - B K from its requested pole."""
     achieved = np.sort_complex(np.linalg.eigvals(A - B @ np.asarray(K)))
     return float(np.max(np.abs(achieved - np.sort_complex(poles))))

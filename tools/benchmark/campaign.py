@@ -1,4 +1,4 @@
-"""What a run of a campaign costs, and how long a thousand of them take."""
+"""The cost of a campaign's run, and the time that a thousand of them take."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TARGET_MIN = 30.0
 
 
 def campaign_step(effort: Effort) -> list[Section]:
-    """Unrecorded runs with and without the diagnosis, in turns; the first round warms up and does not count."""
+    """Unrecorded runs with and without the diagnosis, in turns; the first round is for warm-up and is not counted."""
     scenario_data = read_toml(SCENARIO)
     variants: dict[str, dict[str, Any]] = {
         "glr": {"diagnosis": {"method": "glr"}},
@@ -44,8 +44,8 @@ def campaign_step(effort: Effort) -> list[Section]:
             )
         )
     note = (
-        f"{SCENARIO.name} as a campaign runs it, not recorded: wall time of a whole run by control step, emulator and "
-        f"all, in one process. A thousand: {RUNS} runs of {RUN_S:g} s on {CORES} cores; target: {TARGET_MIN:g} min."
+        f"{SCENARIO.name} as a campaign runs it, not recorded: wall time of a whole run per control step, with "
+        f"emulator, one process. A thousand: {RUNS} runs of {RUN_S:g} s on {CORES} cores; target: {TARGET_MIN:g} min."
     )
     return [Section("A campaign", note, ("diagnosis", "median, a step", "best", "a thousand runs", "verdict"), rows)]
 

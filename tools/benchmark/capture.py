@@ -1,4 +1,4 @@
-"""A run of the paper's scenario, kept in memory, to measure on what really occurs."""
+"""A run of the paper's scenario, kept in memory, as realistic input for measurements."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tools.benchmark import SCENARIO
 
 
 class Capture:
-    """A run in lockstep without files, for what the controller saw and what was on the bus. Also a loop's recorder."""
+    """A lockstep run without files that keeps the controller's inputs and the frames on the bus. Also the recorder."""
 
     def __init__(self, period_s: float) -> None:
         self.period_ns = round(period_s * 1e9)
@@ -52,7 +52,7 @@ class Capture:
         return capture
 
     def watch(self, inputs: Inputs, output: Output, mode: Mode) -> None:
-        """Keep what a step saw."""
+        """Keep the inputs of a step."""
         del output, mode
         self.inputs.append(inputs)
 
@@ -60,14 +60,14 @@ class Capture:
         """Steps are not kept."""
 
     def frame(self, timestamp_s: float, arbitration_id: int, data: bytes | bytearray, is_rx: bool = True) -> None:
-        """Keep what came off the bus."""
+        """Keep a received frame."""
         if is_rx:
             self.frames.append(
                 can.Message(timestamp_s, arbitration_id, is_extended_id=False, data=bytearray(data), is_rx=True)
             )
 
     def message(self, timestamp_s: float, message: Any) -> None:
-        """There are no others."""
+        """Ignore other frames."""
 
     def event(self, t_s: float, event: Event) -> None:
         """Events are not kept."""

@@ -1,4 +1,4 @@
-"""How fast a whole run in lockstep is, and where its time goes."""
+"""Speed of a whole lockstep run, and where its time is spent."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ Function = tuple[str, int, str]
 
 
 def lockstep_speed(effort: Effort) -> list[Section]:
-    """Scenario seconds per second, in turns; the first round warms up and does not count."""
+    """Scenario seconds per second, in turns; the first round is for warm-up and is not counted."""
     variants = {
         "paper_glr.toml, recorded, with Rerun": (SCENARIO, True, SPEED_TARGET),
         "paper_glr.toml, recorded, without Rerun": (SCENARIO, False, None),
-        "paper.toml (no diagnosis to speak of), with Rerun": (PAPER, True, None),
+        "paper.toml (ideal diagnosis), with Rerun": (PAPER, True, None),
     }
     speeds: dict[str, list[float]] = {name: [] for name in variants}
     with tempfile.TemporaryDirectory() as folder:
@@ -50,7 +50,7 @@ def lockstep_speed(effort: Effort) -> list[Section]:
 
 
 def lockstep_profile(effort: Effort) -> list[Section]:
-    """Where a run's time goes: own time by function, and by module. One run, whatever the effort."""
+    """Where a run's time is spent: own time by function, and by module. Always one run."""
     del effort
     bench = assembly.load(SCENARIO)
     profile = cProfile.Profile()
@@ -76,9 +76,7 @@ def lockstep_profile(effort: Effort) -> list[Section]:
         f"Own time in cProfile of one run of {SCENARIO.name} with Rerun; built-in and compiled functions count for "
         "their caller."
     )
-    by_function = (
-        f"The {PROFILE_ROWS} functions with the most. A profiler makes small functions look dearer than they are."
-    )
+    by_function = f"The {PROFILE_ROWS} functions with the most. A profiler overestimates small functions."
     return [
         Section("Where a lockstep run's time goes, by module", by_module, ("module", "share"), modules),
         Section("The same by function", by_function, ("module", "function", "share"), functions),

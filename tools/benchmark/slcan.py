@@ -39,10 +39,10 @@ BUSES: dict[str, Callable[[str], can.BusABC]] = {
 
 
 def far_end(pipe: Connection, is_pty: bool) -> None:
-    """The other process: an adapter that is opened, does what it is told by the pipe, and is opened again."""
+    """The other process: an adapter that executes the requests from the pipe, one host after the other."""
     if is_pty:
         master, where = open_pty()
-        os.open(where, os.O_RDWR | os.O_NOCTTY)  # or the master hangs up between two hosts
+        os.open(where, os.O_RDWR | os.O_NOCTTY)  # keeps the master open between two hosts
         pipe.send(where)
         while pipe.recv() != "end":
             _serve(pipe, master)
@@ -58,7 +58,7 @@ def far_end(pipe: Connection, is_pty: bool) -> None:
 
 
 def _serve(pipe: Connection, fd: int) -> None:
-    """One host, from its opening to its end."""
+    """Serve one host, from opening to closing."""
     _be_opened(fd)
     pipe.send("open")
     while (order := pipe.recv()) != "closed":
@@ -90,7 +90,7 @@ def _latencies_us(fd: int, count: int) -> list[float]:
 
 
 def _flood(fd: int) -> int:
-    """As many frames as fit; returns how many."""
+    """Write as many frames as fit; return their number."""
     for _ in range(FLOOD_FRAMES // 20):
         left = _line(FRAME) * 20
         while left:
@@ -158,7 +158,7 @@ def slcan_latency(rounds: int, count: int) -> Section:
     for is_pty in (False, True):
         found: dict[str, list[tuple[list[float], float, float]]] = {name: [] for name in BUSES}
         with _far(is_pty) as (channel, pipe):
-            for number in range(rounds + 1):  # the first round warms up
+            for number in range(rounds + 1):  # the first round is for warm-up
                 for name, results in found.items():
                     one = _round(name, channel, pipe, count)
                     if number:

@@ -1,4 +1,4 @@
-"""The small change of a tick: a frame encoded, checked and decoded."""
+"""The cost of one frame: encoded, checked and decoded."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables of figures: on the screen, and in the document with the circumstances under which they were taken."""
+"""Tables of figures: on the screen, and in the document with the conditions of the measurement."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def as_rich(section: Section) -> Table:
 
 
 def write(sections: list[Section], effort: Effort, block: str = "figures") -> None:
-    """Replace what stands between the markers of the block in the document; a block that isn't there is added."""
+    """Replace the text between the block's markers in the document; a missing block is added."""
     begin, end = f"<!-- {block}: begin -->", f"<!-- {block}: end -->"
     lines = [begin, "", _circumstances(effort)]
     for section in sections:

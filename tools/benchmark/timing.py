@@ -1,4 +1,4 @@
-"""What is compared takes turns, so that a busy machine slows both alike."""
+"""Alternatives run in turns, so that a busy machine slows all of them equally."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ TICK_US = 100_000.0
 
 @dataclass(frozen=True)
 class Effort:
-    """How many runs, rounds and steps."""
+    """Numbers of runs, rounds and steps."""
 
     runs: int = 7
     rounds: int = 41
@@ -21,7 +21,7 @@ class Effort:
 
 
 def yardstick_ms() -> float:
-    """How long a loop of a million turns takes, the best of five: what this machine is worth just now."""
+    """Time of an empty loop of a million turns, the best of five: the machine's speed at the moment."""
     best = float("inf")
     for _ in range(5):
         started = time.perf_counter()
@@ -36,7 +36,7 @@ def in_turns(calls: dict[str, tuple[Callable[[], Any], int]], rounds: int) -> di
     times: dict[str, list[float]] = {name: [] for name in calls}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # place_poles warns when its iterations did not converge
-        for index in range(rounds + 1):  # the first round warms up
+        for index in range(rounds + 1):  # the first round is for warm-up
             for name, (call, count) in calls.items():
                 started = time.perf_counter()
                 for _ in range(count):

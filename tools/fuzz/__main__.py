@@ -1,4 +1,4 @@
-"""The command line. Ends with libFuzzer's statistics, or with what failed and the input that made it."""
+"""The command line. Prints libFuzzer's statistics, or the failure and the input that caused it."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ from pathlib import Path
 
 
 def main() -> int:
-    """Run one target for a time; a failing input is left in the corpus's folder, to be tried again with --again."""
+    """Run one target for a time; a failing input is kept in the corpus folder, and can be repeated with --again."""
     parser = argparse.ArgumentParser("python -m tools.fuzz", description="Feed bytes to what reads them.")
     parser.add_argument("target", choices=("slcan", "wire", "adapter"))
     parser.add_argument("--seconds", type=int, default=60)
-    parser.add_argument("--corpus", type=Path, help="folder to begin with and add to; default: a temporary one")
+    parser.add_argument(
+        "--corpus", type=Path, help="folder of inputs to start from and add to; default: a temporary one"
+    )
     parser.add_argument("--again", type=Path, metavar="INPUT", help="only try this input")
     options = parser.parse_args()
     try:

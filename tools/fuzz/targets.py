@@ -1,4 +1,4 @@
-"""What must hold of any bytes, for each reader of bytes. A target takes them, and raises AssertionError otherwise."""
+"""Properties that must hold for any bytes, one target for each reader; a target raises AssertionError otherwise."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ ROUNDING_V = 1e-9
 
 
 def check(holds: bool, what: str) -> None:
-    """Raise AssertionError unless it holds; also under -O."""
+    """Raise AssertionError unless the property holds; also under -O."""
     if not holds:
         raise AssertionError(what)
 
 
 def slcan(data: bytes) -> None:
-    """A stream off an adapter, after a byte that says how to cut it: whole and cut it gives the same.
+    """A stream from an adapter, after a byte that says how to split it: split or whole, the result is the same.
 
     Never more than 1 kB is kept; every line is counted once; every accepted frame is one that could be sent, and
     comes back as it was.
@@ -52,7 +52,7 @@ def slcan(data: bytes) -> None:
 
 
 def adapter(data: bytes) -> None:
-    """The emulator's adapter: one answer for every CR, a bounded buffer, frames that are ones."""
+    """The emulator's adapter: one answer to every CR, a bounded buffer, valid frames."""
     size, stream = (data[0] or 256, data[1:]) if data else (1, b"")
     port = SlcanPort()
     for start in range(0, len(stream), size):
@@ -66,7 +66,7 @@ def adapter(data: bytes) -> None:
 
 
 def wire(data: bytes) -> None:
-    """Frames off a bus, ten bytes and a payload each: never an exception, each counted once, levels in range.
+    """Frames from a bus, ten bytes and a payload each: never an exception, each counted once, levels in range.
 
     A frame that was taken has the right kind, length and CRC; what a step then sees is finite or said to be invalid.
     """
@@ -79,7 +79,7 @@ def wire(data: bytes) -> None:
         payload = data[at + 4 : at + 4 + length % 9]
         at += 4 + length % 9
         spec = specs[which % len(specs)]
-        if how & 1 and payload:  # sealed, so that it gets past the CRC
+        if how & 1 and payload:  # with a right CRC, so that it passes that check
             payload = (payload + bytes(8))[: spec.length - 1]
             payload += bytes((crc8(payload, spec.crc_start),))
         now_ns += wait * MS

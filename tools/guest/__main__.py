@@ -1,4 +1,4 @@
-"""Command line of the guest. Exit code: that of the command or the tests; 125 when there is no guest to be had."""
+"""Command line of the guest. Exit code: that of the command or the tests; 125 when there is no guest."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def main() -> int:
     verbs.add_parser("setup", help="fetch Debian's kernel into the cache")
     verbs.add_parser("packages", help="print the Debian packages that are needed")
     run = verbs.add_parser("run", help="boot, run one command in this folder, power off")
-    run.add_argument("--limit", type=float, default=LIMIT_S, metavar="S", help="end it after so long")
+    run.add_argument("--limit", type=float, default=LIMIT_S, metavar="S", help="maximum time of the command")
     run.add_argument("command", nargs=argparse.REMAINDER)
     test = verbs.add_parser("test", help="run the tests marked socketcan")
     test.add_argument("options", nargs=argparse.REMAINDER, help="for pytest")
@@ -42,7 +42,7 @@ def main() -> int:
 
 
 def _test(options: list[str]) -> int:
-    """On this kernel if they can run here, else in the guest; without either say why, an error where CI is set."""
+    """Run them on this kernel if possible, else in the guest; without either say why, as an error where CI is set."""
     command = tests.command(Path.cwd(), options)
     obstacle = host.obstacle()
     if not obstacle:

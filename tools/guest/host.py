@@ -1,4 +1,4 @@
-"""What the host has: AF_CAN, the programs that the guest is made with, a folder for what can be fetched again."""
+"""The host's side: AF_CAN, the programs that make the guest, the cache folder."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ PACKAGES = {
     "ip": "iproute2",
     "candump": "can-utils",
 }
-"""Program -> the Debian package that brings it. The last two are for the tests, wherever they run."""
+"""Program -> its Debian package. The last two are for the tests, in the guest and on the host."""
 
 CACHE_VARIABLE = "FOURTANK_HIL_GUEST"
 SYSTEM_PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 
 
 class GuestError(Exception):
-    """No guest can be had here; the message is one line that says why and what to do."""
+    """There can be no guest here; the message is one line that says why and what to do."""
 
 
 def has_can() -> bool:
@@ -39,7 +39,7 @@ def has_can() -> bool:
 
 
 def obstacle() -> str:
-    """Why the tests can't have CAN interfaces on this very kernel; "" when they can."""
+    """Why the tests can't have CAN interfaces on this kernel; "" when they can."""
     if not has_can():
         return "this kernel has no AF_CAN"
     return "" if os.geteuid() == 0 else "only root may make CAN interfaces"
@@ -55,7 +55,7 @@ def cache_dir() -> Path:
 
 
 def program(name: str) -> str:
-    """Path of a program, sbin included whatever PATH says. Raises GuestError naming the packages that are missing."""
+    """Path of a program; always searches sbin too. Raises GuestError naming the packages that are missing."""
     found = _find(name)
     if found is None:
         raise GuestError(f"{name} is missing; as root: apt-get install --no-install-recommends {' '.join(missing())}")
@@ -63,12 +63,12 @@ def program(name: str) -> str:
 
 
 def missing() -> list[str]:
-    """The Debian packages whose programs are not there."""
+    """The Debian packages whose programs are missing."""
     return [package for name, package in PACKAGES.items() if _find(name) is None]
 
 
 def require_amd64_debian() -> None:
-    """Raise GuestError where Debian's amd64 kernel can't be had or would not run the host's programs."""
+    """Raise GuestError where Debian's amd64 kernel is not available or can't run the host's programs."""
     if platform.machine() != "x86_64":
         raise GuestError(f"the guest runs this machine's programs on an amd64 kernel, and this is {platform.machine()}")
     if _find("apt-get") is None:

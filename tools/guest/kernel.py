@@ -1,4 +1,4 @@
-"""The guest's kernel: Debian's package, unpacked into the cache and nowhere else, and the files that it boots with.
+"""The guest's kernel: Debian's package, unpacked into the cache only, and the files that it boots with.
 
 Nothing is installed: no /boot, no /lib/modules, no hooks.
 """
@@ -18,7 +18,7 @@ WANTED = (
     "net/can", "drivers/net/can", "net/sched", "net/9p", "fs/9p", "fs/netfs", "fs/fscache", "fs/overlayfs",
     "drivers/virtio", "drivers/char/virtio_console*", "drivers/char/hw_random", "lib", "crypto",
 )  # fmt: skip
-"""Where in the package's modules everything is that the guest or a test loads."""
+"""Folders of the package's modules with all that the guest or a test loads."""
 
 AT_BOOT = (
     "virtio_pci", "virtio_console", "virtio_rng", "9pnet_virtio", "9p", "overlay", "can_raw", "vcan", "kvaser_pci",
@@ -28,14 +28,14 @@ INIT = Path(__file__).with_name("init.sh")
 
 @dataclass(frozen=True)
 class Kernel:
-    """An unpacked kernel. folder : holds boot/ and lib/modules/. release : as `uname -r` says it."""
+    """An unpacked kernel. folder : holds boot/ and lib/modules/. release : as `uname -r` prints it."""
 
     folder: Path
     release: str
 
     @property
     def image(self) -> Path:
-        """What QEMU boots."""
+        """The image that QEMU boots."""
         return self.folder / "boot" / f"vmlinuz-{self.release}"
 
     @property
@@ -75,7 +75,7 @@ def fetch(cache: Path) -> Kernel:
 
 
 def write_initramfs(kernel: Kernel, path: Path) -> None:
-    """Pack what the kernel boots with: busybox, the modules loaded at boot with all they depend on, and init.sh."""
+    """Pack the initramfs: busybox, the modules loaded at boot with all they depend on, and init.sh."""
     with tempfile.TemporaryDirectory() as scratch:
         root = Path(scratch)
         for name in ("bin", "proc", "sys", "dev", "host", "overlay", "newroot", "modules"):
@@ -93,7 +93,7 @@ def write_initramfs(kernel: Kernel, path: Path) -> None:
 
 
 def _with_dependencies(kernel: Kernel) -> list[Path]:
-    """Files of the modules loaded at boot, each behind those that it needs, by depmod's table."""
+    """Files of the modules loaded at boot, each after those that it needs, by depmod's table."""
     lines = (kernel.modules / "modules.dep").read_text().splitlines()
     needs = {name: rest.split() for name, _, rest in (line.partition(":") for line in lines)}
     by_name = {Path(name).name.partition(".")[0].replace("-", "_"): name for name in needs}
@@ -106,7 +106,7 @@ def _with_dependencies(kernel: Kernel) -> list[Path]:
 
 
 def _package() -> str:
-    """The package that the metapackage stands for, e.g. linux-image-6.1.0-40-amd64."""
+    """The package on which the metapackage depends, e.g. linux-image-6.1.0-40-amd64."""
     shown = subprocess.run(["apt-cache", "depends", METAPACKAGE], capture_output=True, text=True, check=False)
     names = [line.split()[-1] for line in shown.stdout.splitlines() if line.strip().startswith("Depends:")]
     if not names:

@@ -1,4 +1,4 @@
-"""One boot of the guest: one command in it, its output passed on as it comes, its exit code returned."""
+"""One boot of the guest: runs one command, passes its output on at once, returns its exit code."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ NOT_PASSED_ON = frozenset({"PWD", "OLDPWD", "SHLVL", "_", "PATH", "HOME", "TMPDI
 
 
 class GuestLostError(Exception):
-    """The guest did not get to the end of the command; the message has its console."""
+    """The guest ended before the command did; the message has its console output."""
 
 
 def run(kernel: Kernel, command: list[str], limit_s: float) -> int:
@@ -44,14 +44,14 @@ def run(kernel: Kernel, command: list[str], limit_s: float) -> int:
 
 
 def _script(command: list[str]) -> str:
-    """The command as a shell script: this folder, this environment but for what the guest has of its own."""
+    """The command as a shell script, with this folder and this environment except for the guest's own variables."""
     passed_on = {name: value for name, value in os.environ.items() if name.isidentifier() and name not in NOT_PASSED_ON}
     lines = [f"export {name}={shlex.quote(value)}" for name, value in sorted(passed_on.items())]
     return "\n".join([f"cd {shlex.quote(os.getcwd())} || exit 127", *lines, f"exec {shlex.join(command)}", ""])  # noqa: PTH109
 
 
 def _qemu(kernel: Kernel, initramfs: Path, job: Path, console: Path) -> list[str]:
-    """QEMU's command line. Translated, never KVM: where a virtual machine offers it, it need not work."""
+    """QEMU's command line. Translated, without KVM, which does not always work where a virtual machine offers it."""
     arguments = f"""
         -accel tcg -icount shift=1,sleep=off -cpu max -machine pc -m {MEMORY_MB} -smp {CPUS}
         -nodefaults -no-user-config -display none -monitor none -no-reboot
@@ -70,7 +70,7 @@ def _qemu(kernel: Kernel, initramfs: Path, job: Path, console: Path) -> list[str
 
 
 def _boot(qemu: list[str], limit_s: float, console: Path) -> None:
-    """Run QEMU to its end, copying what the command prints."""
+    """Run QEMU to its end, and copy the command's output."""
     with subprocess.Popen(qemu, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE) as machine:
         is_late = threading.Event()
 

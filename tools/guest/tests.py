@@ -1,4 +1,4 @@
-"""The tests that need AF_CAN, found by their marker without importing the others: that alone would take minutes."""
+"""The tests that need AF_CAN, found by their marker without importing all others, which would take minutes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ MARK = "mark.socketcan"
 def command(root: Path, options: list[str]) -> list[str]:
     """The pytest command for every test marked socketcan below root, in one process, without plugins."""
     files = sorted(str(one.relative_to(root)) for one in root.glob("tests/**/test_*.py") if MARK in one.read_text())
-    without_plugins = ["env", "PYTEST_DISABLE_PLUGIN_AUTOLOAD=1"]  # importing those takes longer than the tests
+    without_plugins = ["env", "PYTEST_DISABLE_PLUGIN_AUTOLOAD=1"]  # importing plugins takes longer than the tests
     return [
         *without_plugins,
         sys.executable,

@@ -1,4 +1,4 @@
-"""The reference of real-time people: `cyclictest` of rt-tests, its histogram read back as samples."""
+"""`cyclictest` of rt-tests, the usual reference for real-time Linux; its histogram is converted to samples."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import subprocess
 import numpy as np
 from numpy.typing import NDArray
 
-LONGEST_US = 50_000
+MAX_US = 50_000
 MISSING = "cyclictest is not installed: apt-get install rt-tests; the loop is measured without its reference"
 
 
@@ -24,7 +24,7 @@ def lateness_us(period_s: float, seconds: float, priority: int, cpu: int) -> NDA
     Raises RuntimeError when it can't run.
     """
     command = ["cyclictest", "-q", "-m", "-t", "1", "-p", str(priority), "-a", str(cpu)]
-    command += ["-i", str(round(period_s * 1e6)), "-D", str(max(1, round(seconds))), "-h", str(LONGEST_US)]
+    command += ["-i", str(round(period_s * 1e6)), "-D", str(max(1, round(seconds))), "-h", str(MAX_US)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise RuntimeError(f"cyclictest failed: {(done.stderr or done.stdout).strip()}")
@@ -32,7 +32,7 @@ def lateness_us(period_s: float, seconds: float, priority: int, cpu: int) -> NDA
 
 
 def samples(text: str) -> NDArray[np.float64]:
-    """The samples behind a histogram of `cyclictest -h`; what is off its end counts as the largest of all."""
+    """The samples of a histogram of `cyclictest -h`; those beyond its end count as the maximum."""
     counts = [(int(us), int(count)) for us, count in re.findall(r"^(\d+)\s+(\d+)\s*$", text, re.MULTILINE)]
     overflows, largest = (
         int(found.group(1)) if (found := re.search(rf"^# {what}:\s*(\d+)", text, re.MULTILINE)) else 0

@@ -1,4 +1,4 @@
-"""Busy processes beside what is measured."""
+"""Busy processes during a measurement."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ BUSY = "while True: pass"
 
 @contextmanager
 def busy(processes: int) -> Iterator[None]:
-    """So many ordinary processes that do nothing but run, while the context lasts."""
+    """Run so many busy processes of normal priority while the context lasts."""
     running = [subprocess.Popen([sys.executable, "-S", "-c", BUSY]) for _ in range(processes)]
     try:
         yield

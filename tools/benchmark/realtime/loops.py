@@ -54,7 +54,7 @@ WARM_UP_STEPS = 20
 
 
 class BareStep:
-    """A control loop of nothing; `outcome` after so many steps."""
+    """An empty control loop; `outcome` after so many steps."""
 
     def __init__(self, steps: int) -> None:
         self.late_s: list[float] = []
@@ -63,7 +63,7 @@ class BareStep:
         self._steps = steps
 
     def tick(self, now_ns: int, timing: Timing, stop_reason: str = "") -> None:
-        """Note how late it is."""
+        """Record the lateness."""
         del now_ns, stop_reason
         self.late_s.append(timing.lateness_s)
         self.skipped = timing.skipped
@@ -71,14 +71,14 @@ class BareStep:
             self.outcome = Outcome("complete", "", 0.0, 0, 0, 0)
 
     def receive(self, frame: object, received_ns: int) -> None:
-        """Nothing comes."""
+        """Receive no frame."""
 
     def make_safe(self, now_ns: int) -> None:
-        """There is nothing to make safe."""
+        """Do nothing: there is no pump."""
 
 
 class SilentPort:
-    """A line on which nothing comes; it waits as the descriptors of SocketCAN and slcan do."""
+    """A bus without frames; it waits as the descriptors of SocketCAN and slcan do."""
 
     is_up = True
 
@@ -90,16 +90,16 @@ class SilentPort:
         select.select([self._ours], [], [], timeout_s)
 
     def waiting(self) -> tuple[()]:
-        """Nothing has come."""
+        """Return no frame."""
         return ()
 
     def news(self) -> tuple[()]:
-        """Nothing is told of it."""
+        """Return no events."""
         return ()
 
 
 class Stopwatch:
-    """A recorder that notes how soon each command followed the newest frame, and hands everything on, if to anyone."""
+    """A recorder that measures the time from the newest frame to each command, and passes all on to another one."""
 
     def __init__(self, inner: Any) -> None:
         self.latency_s: list[float] = []
@@ -125,7 +125,7 @@ class Stopwatch:
             self._inner.tick(record, true_level_cm)
 
     def message(self, timestamp_s: float, message: can.Message) -> None:
-        """One odd frame."""
+        """One unexpected frame."""
         if self._inner is not None:
             self._inner.message(timestamp_s, message)
 
@@ -171,13 +171,13 @@ def whole(
         )
         granted = stack.enter_context(realtime.granted(RealTime(priority, cpu)))
         period_ns = round(period_s * 1e9)
-        clock.sleep_until((clock.now_ns() // period_ns + 1) * period_ns)  # what the node counts on
+        clock.sleep_until((clock.now_ns() // period_ns + 1) * period_ns)  # the node relies on it
         outcome = runtime.run(loop, port, clock, period_s, lambda: "", granted.housekeeping)
         if outcome.status != "complete":
             raise RuntimeError(f"the run ended {outcome.status}: {outcome.reason}")
         if recorder is not None:
             recorder.close(outcome.status, outcome.reason)
-    kept = slice(WARM_UP_STEPS, -1)  # the last command is the 0 V of the way out
+    kept = slice(WARM_UP_STEPS, -1)  # the last command is the 0 V at the end
     np.savez(
         out,
         latency_us=1e6 * np.array(watch.latency_s[kept]),

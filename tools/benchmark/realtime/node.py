@@ -23,13 +23,13 @@ from tools.benchmark import ROOT
 
 LEVEL_PERIOD_NS = 20_000_000
 LEAD_NS = 500_000
-"""So long before the next step the answer is sent. Steps lie on whole multiples of the period, by the one clock."""
+"""The answer is sent so long before the next step. Steps are at whole multiples of the period on the same clock."""
 
 FIRST_PATIENCE_S, PATIENCE_S = 60.0, 1.0
 
 
 class Line(Protocol):
-    """The bus as the node sees it."""
+    """The node's side of the bus."""
 
     def receive(self, timeout_s: float) -> can.Message | None:
         """The next frame, or None."""
@@ -88,7 +88,7 @@ class SlcanLine:
 
 
 def serve(line: Line, period_s: float, priority: int) -> None:
-    """Answer and wait in turns, until nothing has come for a second; the first command may take longer."""
+    """Answer and wait in turns, until no frame has arrived for a second; the first command may take longer."""
     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     truth, faults = settings.load(ROOT / "config/emulator.toml", None)
     rig = Rig(truth, faults, 1, settings.load_fingerprint(ROOT / "config/bench.dbc"))

@@ -28,12 +28,12 @@ RATIO_TARGET = 2.0
 LATENCY_TARGET_US = 1000.0
 DIFFERENCE_TARGET = 0.10
 LATENCY_SHARE = 0.2
-"""Of the minutes asked for: so much for each of the rows on latency."""
+"""Share of the requested minutes for each row on latency."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """How long each loop is measured, in turns of how long, and where."""
+    """Duration of each loop's measurement, duration of a turn, and folder."""
 
     minutes: float
     turn_s: float = 10.0
@@ -41,7 +41,7 @@ class Plan:
     cpu: int = max(os.sched_getaffinity(0))
 
     def turns(self, share: float = 1.0) -> tuple[int, float]:
-        """How many turns of how many seconds."""
+        """Number of turns and seconds per turn."""
         total_s = self.minutes * share * 60.0
         count = max(1, round(total_s / self.turn_s))
         return count, total_s / count
@@ -49,7 +49,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Measured:
-    """What a loop has shown, in microseconds."""
+    """A loop's samples, in microseconds."""
 
     late_us: Samples
     latency_us: Samples
