@@ -7,6 +7,12 @@ READY  := $(VENV)/.installed
 SAMPLE ?= 20
 SEED   ?= 1
 
+CORES        := $(shell getconf _NPROCESSORS_ONLN)
+WORKERS      ?= $(shell echo $$(($(CORES) + 1)))
+LIVE_WORKERS ?= $(shell echo $$((2 * $(CORES))))
+BY_FILE      := --dist loadfile --no-loadscope-reorder
+# one worker more than cores, since some tests wait for a timeout; twice as many for live runs, which mostly wait
+
 # every line and branch of what keeps the rig safe
 COVERED := --cov-branch --cov-fail-under=100 --cov-report=term-missing:skip-covered \
 	$(addprefix --cov=hil.,core.supervisor core.interlocks core.overshoot wire.checks wire.commands)
@@ -40,16 +46,17 @@ lint: $(READY)   ## style, types, architecture
 words: $(READY)  ## retired words that are still written somewhere (tools/words.toml has the plain ones)
 	@$(BIN)/python -m tools.words
 
-unit: $(READY)   ## the test suite
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not live and not long and not socketcan" --ignore=tests/safety --ignore=tests/wire
-	$(BIN)/python -m pytest -n 2 --dist loadfile tests/safety tests/wire $(COVERED)
-	$(BIN)/python -m pytest -m "live and not long"
+unit: $(READY)   ## the test suite: on all cores, then live runs beside each other, then those that measure time, alone
+	$(BIN)/python -m pytest -n $(WORKERS) $(BY_FILE) tests/safety tests/wire $(COVERED)
+	$(BIN)/python -m pytest -n $(WORKERS) $(BY_FILE) -m "not live and not long and not socketcan" --ignore=tests/safety --ignore=tests/wire
+	$(BIN)/python -m pytest -n $(LIVE_WORKERS) --dist loadgroup --no-loadscope-reorder -m "live and not timing" tests/live
+	$(BIN)/python -m pytest -m timing tests/live
 
 test-socketcan: $(READY)  ## the tests on the kernel's CAN buses, in a guest where this kernel has none
 	@$(BIN)/python -m tools.guest test
 
 test-long: $(READY)  ## simulated hours, two thousand pairs of faults, mutants: ten minutes on two cores
-	$(BIN)/python -m pytest -n 2 -m long
+	$(BIN)/python -m pytest -n $(CORES) -m long
 	$(MAKE) --no-print-directory mutants
 
 mutants: $(READY)  ## every small change of the safety modules, and a sample of those elsewhere, must fail a test

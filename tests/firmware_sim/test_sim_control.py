@@ -1,7 +1,6 @@
 """The way of commands into the emulator: sockets by hand, the process with its standard input."""
 
 import os
-import select
 import socket
 import subprocess
 import sys
@@ -92,51 +91,6 @@ def test_a_path_in_use_is_refused_and_an_abandoned_one_is_taken_over(tmp_path: P
     with pytest.raises(OSError, match="in use"):
         listen_unix(path)
     assert path.read_text() == "precious"
-
-
-def line_of(process: subprocess.Popen[bytes], timeout_s: float = 10.0) -> str:
-    """The next line, byte by byte: what a buffer holds back, select can't see."""
-    line = b""
-    while not line.endswith(b"\n"):
-        assert select.select([process.stdout], [], [], timeout_s)[0], "no line in time"
-        assert process.stdout is not None
-        byte = os.read(process.stdout.fileno(), 1)
-        assert byte, "the process has ended"
-        line += byte
-    return line.decode()
-
-
-@pytest.mark.live
-def test_the_process_takes_commands_on_standard_input_and_a_socket(tmp_path: Path) -> None:
-    path = tmp_path / "control"
-    process = subprocess.Popen(
-        [sys.executable, "-m", "firmware_sim", "--slcan", "0", "--control", str(path)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        bufsize=0,
-    )
-    try:
-        assert line_of(process).startswith("firmware-sim ready")
-        assert line_of(process) == f"firmware-sim control: {path}\n"
-        assert process.stdin is not None
-        process.stdin.write(b"failure level stuck -i 2\n")
-        assert line_of(process) == "ok sensor_stuck 2\n"
-        process.stdin.write(b"nonsense\n")
-        assert line_of(process).startswith("error: unknown command 'nonsense'")
-        process.stdin.close()
-        with socket.socket(socket.AF_UNIX) as client:
-            client.settimeout(5.0)
-            client.connect(str(path))
-            client.sendall(b"failure level ok\n")
-            assert client.recv(100) == b"ok level: 1 ended\n"
-        assert process.poll() is None
-        process.terminate()
-        assert process.wait(5.0) == 0
-        assert not path.exists()
-    finally:
-        process.kill()
-        assert process.stdin is not None
-        process.communicate() if not process.stdin.closed else process.wait()
 
 
 @pytest.mark.parametrize("where", ["/nowhere/at/all", "99999"])

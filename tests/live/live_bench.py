@@ -213,3 +213,8 @@ def _frames(log: Path):
         assert len(bytes.fromhex(payload)) <= 8
         frames.append((float(stamp.strip("()")), frame_id))
     return frames
+
+
+def row(text: str, check: str) -> str:
+    """The line of a printed table that has this check."""
+    return next(line for line in text.splitlines() if check in line)

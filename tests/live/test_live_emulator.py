@@ -4,6 +4,7 @@ import json
 import os
 import select
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -153,3 +154,47 @@ def test_garbage_does_not_stop_the_service(transport: str) -> None:
         with host_bus(channel) as bus:
             assert frames_for(bus, 0.3)
         assert process.poll() is None
+
+
+def line_of(process: subprocess.Popen[bytes], timeout_s: float = 10.0) -> str:
+    """The next line, byte by byte: what a buffer holds back, select can't see."""
+    line = b""
+    while not line.endswith(b"\n"):
+        assert select.select([process.stdout], [], [], timeout_s)[0], "no line in time"
+        assert process.stdout is not None
+        byte = os.read(process.stdout.fileno(), 1)
+        assert byte, "the process has ended"
+        line += byte
+    return line.decode()
+
+
+def test_the_process_takes_commands_on_standard_input_and_a_socket(tmp_path: Path) -> None:
+    path = tmp_path / "control"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "firmware_sim", "--slcan", "0", "--control", str(path)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        bufsize=0,
+    )
+    try:
+        assert line_of(process).startswith("firmware-sim ready")
+        assert line_of(process) == f"firmware-sim control: {path}\n"
+        assert process.stdin is not None
+        process.stdin.write(b"failure level stuck -i 2\n")
+        assert line_of(process) == "ok sensor_stuck 2\n"
+        process.stdin.write(b"nonsense\n")
+        assert line_of(process).startswith("error: unknown command 'nonsense'")
+        process.stdin.close()
+        with socket.socket(socket.AF_UNIX) as client:
+            client.settimeout(5.0)
+            client.connect(str(path))
+            client.sendall(b"failure level ok\n")
+            assert client.recv(100) == b"ok level: 1 ended\n"
+        assert process.poll() is None
+        process.terminate()
+        assert process.wait(5.0) == 0
+        assert not path.exists()
+    finally:
+        process.kill()
+        assert process.stdin is not None
+        process.communicate() if not process.stdin.closed else process.wait()

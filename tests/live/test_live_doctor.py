@@ -1,4 +1,4 @@
-"""Doctor and conformance check as commands, against the emulator in a process of its own; refusals of bad input."""
+"""Doctor and conformance check as commands, against the emulator in a process of its own."""
 
 import json
 import signal
@@ -9,24 +9,13 @@ from pathlib import Path
 import pytest
 
 from tests import fork_server
-from tests.cli.cli_bench import CommandLine, assert_refused
 from tests.fork_server import ForkedProgram
-from tests.live.live_bench import emulator, hil, wait_for
+from tests.live.live_bench import emulator, hil, row, wait_for
 
+pytestmark = pytest.mark.live
 LONG_S = 120.0
 
 
-@pytest.fixture
-def command_line(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path) -> CommandLine:
-    monkeypatch.chdir(tmp_path)
-    return CommandLine(monkeypatch, capfd)
-
-
-def row(text: str, check: str) -> str:
-    return next(line for line in text.splitlines() if check in line)
-
-
-@pytest.mark.live
 def test_the_emulator_is_found_fit_without_moving_a_pump_and_left_as_it_was(tmp_path: Path) -> None:
     with emulator(tmp_path / "node.jsonl") as node:
         done = hil("doctor", "-i", "slcan", "-c", node.channel, "--seconds", "2")
@@ -48,7 +37,6 @@ def test_the_emulator_is_found_fit_without_moving_a_pump_and_left_as_it_was(tmp_
         assert all(trip_s >= 0.25 for trip_s in trips_s)
 
 
-@pytest.mark.live
 def test_a_bench_that_is_not_fit_is_told_and_why(tmp_path: Path) -> None:
     with emulator(tmp_path / "node.jsonl", "--control", tmp_path / "control") as node:
         assert node.process.stdout is not None
@@ -64,7 +52,6 @@ def test_a_bench_that_is_not_fit_is_told_and_why(tmp_path: Path) -> None:
         assert "open or short" in done.stdout
 
 
-@pytest.mark.live
 def test_ctrl_c_ends_the_doctor_with_the_node_ready_at_zero(tmp_path: Path) -> None:
     with emulator(tmp_path / "node.jsonl") as node:
         process = ForkedProgram(["hil", "doctor", "-i", "slcan", "-c", node.channel, "--seconds", "1", "--with-pumps"])
@@ -81,7 +68,6 @@ def test_ctrl_c_ends_the_doctor_with_the_node_ready_at_zero(tmp_path: Path) -> N
         assert (node.pump()[-1]["state"], node.pump()[-1]["cause"]) == ("ready", "disabled")
 
 
-@pytest.mark.live
 def test_the_emulator_conforms_as_a_process(tmp_path: Path) -> None:
     file = tmp_path / "told.json"
     with emulator(tmp_path / "node.jsonl") as node:
@@ -94,39 +80,3 @@ def test_the_emulator_conforms_as_a_process(tmp_path: Path) -> None:
     told = json.loads(file.read_text())
     assert told["conforms"] is True
     assert {result["verdict"] for result in told["results"]} <= {"pass", "warn"}
-
-
-def test_a_bus_that_cannot_be_opened_is_a_failed_check_with_the_host_s_beside_it(command_line: CommandLine) -> None:
-    result = command_line("hil", "doctor", "-i", "slcan", "-c", "socket://127.0.0.1:1")
-    assert result.code == 4
-    assert " fail " in row(result.out, "bus opens")
-    assert "disk space" in result.out
-
-
-def test_a_socketcan_link_that_is_not_there_is_a_failed_check(command_line: CommandLine) -> None:
-    result = command_line("hil", "doctor", "-i", "socketcan", "-c", "can97")
-    assert result.code == 4
-    assert " fail " in row(result.out, "link state")
-    assert "ip link set can97 up type can bitrate 500000" in " ".join(result.out.replace("│", " ").split())
-
-
-def test_conformance_of_a_bus_that_cannot_be_opened_is_refused(command_line: CommandLine) -> None:
-    assert_refused(command_line("hil", "conformance", "-i", "slcan", "-c", "socket://127.0.0.1:1"), "slcan", "500000")
-
-
-def test_no_json_is_overwritten(command_line: CommandLine, tmp_path: Path) -> None:
-    file = tmp_path / "told.json"
-    file.write_text("mine")
-    assert_refused(command_line("hil", "conformance", "--json", file), "--json", file, "exists already")
-    assert file.read_text() == "mine"
-    assert_refused(command_line("hil", "conformance", "--json", tmp_path / "no/x.json"), "--json", "no folder")
-
-
-@pytest.mark.parametrize("seconds", ["0.5", "-1", "nan", "4000"])
-def test_listening_time_has_a_range(command_line: CommandLine, seconds: str) -> None:
-    assert_refused(command_line("hil", "doctor", "--seconds", seconds), "--seconds")
-
-
-def test_a_bad_rig_file_is_refused_before_the_bus_is_opened(command_line: CommandLine, tmp_path: Path) -> None:
-    assert_refused(command_line("hil", "doctor", "--config", tmp_path), "rig.toml", "can't be read")
-    assert_refused(command_line("hil", "conformance", "--config", tmp_path), "rig.toml", "can't be read")

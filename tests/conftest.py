@@ -1,0 +1,58 @@
+"""How tests are shared out among processes: the slowest first; what shares a fixture stays together."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from xdist.scheduler import LoadScopeScheduling
+
+SHARED = ("live/test_live_after_a_kill.py",)
+"""Files whose tests share what is started once, where others are shared out test by test (`--dist loadgroup`)."""
+
+SLOW = (
+    "closed_loop/test_loop_table3.py",
+    "glr/test_glr_detector.py",
+    "closed_loop/test_loop_general.py",
+    "doctor/test_doctor_conformance.py",
+    "faults/test_faults_slcan.py",
+    "faults/test_faults_sensors.py",
+    "bus/test_bus_slcan_line.py",
+    "cli/test_cli_simulate.py",
+    "bus/test_bus_slcan_opening.py",
+    "glr/test_glr_process.py",
+    "campaign/test_campaign_runs.py",
+    "live/test_live_doctor.py::test_the_emulator_conforms_as_a_process",
+    "live/test_live_faults.py::test_case_52",
+    "live/test_live_doctor.py",
+)
+"""Slowest first, by `pytest --durations`."""
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Only where tests are shared out; the others keep the order of the files."""
+    if hasattr(config, "workerinput"):
+        items.sort(key=_rank)
+
+
+def _rank(item: pytest.Item) -> int:
+    name = item.nodeid.removeprefix("tests/")
+    return next((rank for rank, slow in enumerate(SLOW) if name.startswith(slow)), len(SLOW))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadScopeScheduling | None:
+    """For `--dist loadgroup`: this xdist can't see the groups of this pytest, so they are files, given here."""
+    if config.getvalue("dist") != "loadgroup":
+        return None
+    from xdist.scheduler import LoadScopeScheduling
+
+    class TestByTest(LoadScopeScheduling):  # type: ignore[misc]  # xdist has no types
+        def _split_scope(self, nodeid: str) -> str:
+            file = nodeid.partition("::")[0]
+            return file if file.endswith(SHARED) else nodeid
+
+    return TestByTest(config, log)
