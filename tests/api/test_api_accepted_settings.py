@@ -1,6 +1,9 @@
 """Whatever the settings check accepts runs its first control steps; everything else is refused with a reason."""
 
+import operator
 import tomllib
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -68,7 +71,7 @@ def _near(key: str) -> st.SearchStrategy[object]:
     value = SHIPPED[section][name]
     factor = st.floats(min_value=0.3, max_value=3.0)
     if isinstance(value, list):
-        return st.tuples(*[factor.map(lambda f, entry=entry: entry * f) for entry in value]).map(list)
+        return st.tuples(*[factor.map(partial(operator.mul, entry)) for entry in value]).map(list)
     return factor.map(lambda f: type(value)(value * f))
 
 
@@ -85,7 +88,9 @@ def _toml(value: object) -> str:
     max_examples=150, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(CHANGES, st.sampled_from(["glr", "none"]), st.sampled_from(["rig", "rig", "calibrated"]))
-def test_whatever_the_check_accepts_survives_its_first_steps(tmp_path, changes, method, design):
+def test_whatever_the_check_accepts_survives_its_first_steps(
+    tmp_path: Path, changes: dict[str, object], method: str, design: str
+) -> None:
     """Splits of 0.5 and 0.5, and much else, used to pass the check and to trip `controller_failed` at once."""
     lines = "".join(f"{key} = {_toml(value)}\n" for key, value in changes.items())
     path = tmp_path / "drawn.toml"
@@ -109,7 +114,7 @@ def test_whatever_the_check_accepts_survives_its_first_steps(tmp_path, changes, 
 
 
 @pytest.mark.parametrize("key", sorted(KEYS))
-def test_every_number_of_the_rig_file_may_be_drawn_alone(key):
+def test_every_number_of_the_rig_file_may_be_drawn_alone(key: str) -> None:
     """The strategies above cover each number of the rig file that has more than a choice of words."""
     section, name = key.split(".")
     assert name in type(getattr(hil.load("steps").rig, section)).model_fields

@@ -1,11 +1,15 @@
 """load, simulate, design and campaign of `import hil`, called as a script would."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import hil
+from hil.campaigns.row import Row
+from hil.core.design import Gains
+from hil.core.tanks import LinearModel
 
 SHORT = """
 [scenario]
@@ -29,7 +33,7 @@ to_s = 6.0
 
 
 @pytest.fixture
-def scenario(tmp_path, monkeypatch):
+def scenario(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "short.toml"
     path.write_text(SHORT)
@@ -41,11 +45,11 @@ class Halved:
 
     follows_reference = True
 
-    def __init__(self, scale=0.5):
+    def __init__(self, scale: float = 0.5) -> None:
         self._design = hil.load("paper").rig
         self._scale = scale
 
-    def gains(self, linear):
+    def gains(self, linear: LinearModel) -> Gains:
         from hil.bench.designs import rig_design
         from hil.bench.dry_step import gain_matrix
 
@@ -55,14 +59,14 @@ class Halved:
 class Fixed:
     """A detector that reports one effectiveness for ever."""
 
-    def start(self):
+    def start(self) -> None:
         return None
 
-    def step(self, memory, t_s, measurement, estimate, applied_V):  # noqa: ARG002 - the protocol
+    def step(self, memory: None, *_: object) -> tuple[None, hil.Diagnosis]:
         return memory, hil.Diagnosis((0.8, 1.0))
 
 
-def test_a_run_in_memory_has_the_figures_of_the_recorded_one_and_leaves_no_file(scenario, tmp_path):
+def test_a_run_in_memory_has_the_figures_of_the_recorded_one_and_leaves_no_file(scenario: Path, tmp_path: Path) -> None:
     in_memory = hil.simulate(scenario)
     assert [path.name for path in tmp_path.iterdir()] == ["short.toml"]
     recorded = hil.simulate(scenario, out="run", rerun=False)
@@ -79,7 +83,7 @@ def test_a_run_in_memory_has_the_figures_of_the_recorded_one_and_leaves_no_file(
     assert in_memory.events == recorded.events
 
 
-def test_a_result_has_series_alarms_and_events(scenario):
+def test_a_result_has_series_alarms_and_events(scenario: Path) -> None:
     result = hil.simulate(scenario)
     assert (result.status, result.reason) == ("complete", "duration over")
     (alarm,) = result.alarms
@@ -91,13 +95,13 @@ def test_a_result_has_series_alarms_and_events(scenario):
     assert "<html" in result.report("report.html").read_text()
 
 
-def test_equal_seeds_give_equal_results_and_other_seeds_do_not(scenario):
+def test_equal_seeds_give_equal_results_and_other_seeds_do_not(scenario: Path) -> None:
     first, again, other = (hil.simulate(scenario, seed=seed, duration_s=2.0) for seed in (3, 3, 4))
     np.testing.assert_array_equal(first.series["h1_V"], again.series["h1_V"])
     assert not np.array_equal(first.series["h1_V"], other.series["h1_V"])
 
 
-def test_a_design_and_a_detector_of_ones_own_are_used_and_named_in_the_record(scenario):
+def test_a_design_and_a_detector_of_ones_own_are_used_and_named_in_the_record(scenario: Path) -> None:
     result = hil.simulate(scenario, design=Halved(), detector=Fixed())
     settings = result.manifest.plan.settings["scenario"]
     assert (settings["control"]["design"], settings["diagnosis"]["method"]) == ("Halved", "Fixed")
@@ -106,12 +110,12 @@ def test_a_design_and_a_detector_of_ones_own_are_used_and_named_in_the_record(sc
     assert result.series["K11"][0] == pytest.approx(0.5 * rig.series["K11"][0], rel=1e-5)
 
 
-def test_a_design_of_ones_own_that_does_not_stabilise_the_rig_is_refused(scenario):
+def test_a_design_of_ones_own_that_does_not_stabilise_the_rig_is_refused(scenario: Path) -> None:
     with pytest.raises(hil.SettingsError, match=r"design 'Halved'.*does not stabilise this rig.*must be negative"):
         hil.load(scenario, design=Halved(-0.1))
 
 
-def test_names_choose_a_design_and_a_detector(scenario):
+def test_names_choose_a_design_and_a_detector(scenario: Path) -> None:
     bench = hil.load(scenario, design="calibrated", detector="none")
     assert (bench.scenario.control.design, bench.scenario.diagnosis.method) == ("calibrated", "none")
     with pytest.raises(hil.SettingsError, match=r"control\.design = 'pid': must be one of rig, calibrated"):
@@ -120,12 +124,12 @@ def test_names_choose_a_design_and_a_detector(scenario):
         hil.load(scenario, detector="oracle")
 
 
-def test_what_was_loaded_is_not_chosen_again(scenario):
+def test_what_was_loaded_is_not_chosen_again(scenario: Path) -> None:
     with pytest.raises(TypeError, match=r"hil\.load"):
         hil.simulate(hil.load(scenario), design="rig")
 
 
-def test_a_rig_file_by_path_takes_the_place_of_the_configurations(scenario, tmp_path):
+def test_a_rig_file_by_path_takes_the_place_of_the_configurations(scenario: Path, tmp_path: Path) -> None:
     text = (hil.load("paper").config_dir / "rig.toml").read_text()
     (tmp_path / "slow.toml").write_text(text.replace("period_s = 0.1", "period_s = 0.15"))
     bench = hil.load(scenario, rig="slow.toml")
@@ -134,13 +138,13 @@ def test_a_rig_file_by_path_takes_the_place_of_the_configurations(scenario, tmp_
     assert result.series["t_s"][1] == pytest.approx(0.15)
 
 
-def test_what_the_emulator_refuses_is_an_error_of_hil(scenario):
+def test_what_the_emulator_refuses_is_an_error_of_hil(scenario: Path) -> None:
     scenario.write_text(SHORT + "[emulator]\npumps.colour = 1\n")
     with pytest.raises(hil.SettingsError, match=r"emulator\.pumps\.colour"):
         hil.simulate(scenario)
 
 
-def test_design_gives_the_figures_of_a_name_and_of_an_object():
+def test_design_gives_the_figures_of_a_name_and_of_an_object() -> None:
     figures = hil.design()
     assert figures.name == "rig"
     assert figures.is_stable
@@ -153,8 +157,8 @@ def test_design_gives_the_figures_of_a_name_and_of_an_object():
     assert unstable.real > 0.0, "the paper's gain with pump 1 at 40 %"
 
 
-def test_a_campaign_in_memory_and_one_in_a_folder_have_the_same_rows(scenario, tmp_path):
-    seen = []
+def test_a_campaign_in_memory_and_one_in_a_folder_have_the_same_rows(scenario: Path, tmp_path: Path) -> None:
+    seen: list[Row] = []
     in_memory = hil.campaign(scenario, seeds=2, on_row=seen.append)
     assert [row.seed for row in in_memory.rows] == [1, 2]
     assert tuple(seen) == in_memory.rows

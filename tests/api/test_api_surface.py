@@ -11,7 +11,7 @@ import pytest
 import hil
 
 
-def test_all_is_the_documented_surface():
+def test_all_is_the_documented_surface() -> None:
     """The list in the package's docstring and `__all__` are the same names."""
     table = hil.__doc__.split("\n\n")[2]
     listed = set()
@@ -21,7 +21,7 @@ def test_all_is_the_documented_surface():
     assert listed == set(hil.__all__)
 
 
-def test_every_public_name_is_there_and_documented():
+def test_every_public_name_is_there_and_documented() -> None:
     for name in hil.__all__:
         value = getattr(hil, name)
         if name != "__version__":
@@ -29,24 +29,24 @@ def test_every_public_name_is_there_and_documented():
     assert set(dir(hil)) == set(hil.__all__)
 
 
-def test_type_checkers_see_the_names_that_are_imported_lazily():
+def test_type_checkers_see_the_names_that_are_imported_lazily() -> None:
     """Every name of the lazy table is also in the `TYPE_CHECKING` block, from the same module."""
     source = Path(hil.__file__).read_text(encoding="utf-8")
     block = source.split("if TYPE_CHECKING:")[1].split("__all__")[0]
-    seen = {}
+    seen: dict[str, str] = {}
     for module, names in re.findall(r"from (hil[\w.]*) import ([^\n]+)", block):
         seen |= {name.strip(): module for name in names.split(",")}
     assert seen == hil._MODULE_OF
     assert {*seen, "__version__"} == set(hil.__all__)
 
 
-def test_a_name_that_is_not_public_is_refused_by_name():
+def test_a_name_that_is_not_public_is_refused_by_name() -> None:
     with pytest.raises(AttributeError, match=r"'hil' has no attribute 'simulation'.*hil\.__all__"):
         hil.simulation  # noqa: B018 - the access is the test
 
 
 @pytest.mark.parametrize("name", ["load", "simulate", "run", "campaign", "design"])
-def test_functions_document_arguments_errors_and_an_example(name):
+def test_functions_document_arguments_errors_and_an_example(name: str) -> None:
     doc = getattr(hil, name).__doc__
     for section in ("Parameters", "Returns", "Raises", "Examples"):
         assert re.search(rf"^\s+{section}\n\s+-+$", doc, re.MULTILINE), section
@@ -54,13 +54,13 @@ def test_functions_document_arguments_errors_and_an_example(name):
     assert all(re.search(rf"\b{argument}\b", doc) for argument in arguments)
 
 
-def test_all_errors_have_one_base_class():
+def test_all_errors_have_one_base_class() -> None:
     for name in hil.__all__:
         if name.endswith("Error"):
             assert issubclass(getattr(hil, name), hil.HilError)
 
 
-def test_import_hil_loads_neither_numpy_nor_can():
+def test_import_hil_loads_neither_numpy_nor_can() -> None:
     """`hil --version` and the recorder's process start without them."""
     code = "import sys, hil; print(sorted(set(sys.modules) & {'numpy', 'can', 'scipy', 'pydantic', 'numba', 'typer'}))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -60,7 +60,7 @@ def frames(draw) -> Message:
     )
 
 
-def told(frame: Message | None):
+def told(frame: Message | None) -> tuple[int, bool, bool, int, bytes]:
     assert frame is not None
     return (frame.arbitration_id, frame.is_extended_id, frame.is_remote_frame, frame.dlc, bytes(frame.data))
 
@@ -193,7 +193,7 @@ def test_any_end_of_line_in_any_cut_gives_the_same_frames_and_counts(lines, data
 
 @pytest.mark.parametrize("end", [b"\r", b"\n", b"\r\n"])
 @pytest.mark.parametrize("size", [1, 2, 3, 1000])
-def test_each_acknowledgement_counts_once_whatever_its_end(end, size) -> None:
+def test_each_acknowledgement_counts_once_whatever_its_end(end: bytes, size: int) -> None:
     stream = end.join([b"z", b"", b"Z", b"", b"", b""])
     reader = LineReader()
     for start in range(0, len(stream), size):

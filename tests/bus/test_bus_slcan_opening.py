@@ -191,7 +191,7 @@ class OneCommandAWrite(Adapter):
 
 
 @pytest.mark.parametrize("before", [b"", b"O\r", b"L\r", b"Z1\rO\r", b"O\rt20169"])
-def test_one_that_obeys_one_command_a_write_is_opened_whatever_a_killed_program_left(before) -> None:
+def test_one_that_obeys_one_command_a_write_is_opened_whatever_a_killed_program_left(before: bytes) -> None:
     """All closing commands used to go out in one write: such an adapter stayed open and refused S6 for ever."""
     adapter = OneCommandAWrite()
     adapter.port.feed(before)
@@ -201,7 +201,7 @@ def test_one_that_obeys_one_command_a_write_is_opened_whatever_a_killed_program_
 
 @pytest.mark.parametrize("end", [b"\n", b"\r\n"])
 @pytest.mark.parametrize("before", [b"", b"O\r"])
-def test_one_that_ends_its_lines_otherwise_is_opened_and_its_answers_counted(end, before) -> None:
+def test_one_that_ends_its_lines_otherwise_is_opened_and_its_answers_counted(end: bytes, before: bytes) -> None:
     class OtherEnds(Adapter):
         def answer(self, data: bytes) -> bytes:
             return super().answer(data).replace(b"\r", end)

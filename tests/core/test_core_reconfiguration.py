@@ -1,5 +1,8 @@
 """Control law and state feedback: rescaling by effectiveness, bumpless changes, anti-windup, reachable targets."""
 
+import math
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,10 +11,12 @@ from hypothesis import strategies as st
 from hil.core import state_feedback
 from hil.core.design import Gains
 from hil.core.eigenstructure import assign, augment
-from hil.core.reconfiguration import MIN_EFFECTIVENESS, MIN_LINEARISED_CM, ControlLaw
+from hil.core.reconfiguration import MIN_EFFECTIVENESS, MIN_LINEARISED_CM
+from hil.core.state_feedback import ControlLaw
 from hil.core.tanks import equilibrium, linearise
-from hil.core.types import Pair
+from hil.core.types import Pair, Quad
 from tests.core.core_bench import BENCH, CALIBRATED, PERIOD_S, Plant, at, reconfiguration, rig_design
+from tests.narrowing import pair
 
 RIG = reconfiguration()
 PAPER = reconfiguration(CALIBRATED)
@@ -26,10 +31,10 @@ def reference_at(voltage_V: Pair = (3.0, 3.0)) -> Pair:
     return 0.5 * h1, 0.5 * h2
 
 
-def hand_law(**changes) -> state_feedback.ControlLaw:
+def hand_law(**changes: Any) -> ControlLaw:
     """A law with numbers that can be followed on paper."""
     gains = Gains.from_matrix(np.array([[1.0, 2.0, 3.0, 4.0, 0.5, 0.1], [5.0, 6.0, 7.0, 8.0, -0.2, 0.4]]))
-    values = {
+    values: dict[str, Any] = {
         "gains": gains,
         "operating_level_cm": (10.0, 11.0, 2.0, 1.0),
         "operating_V": (3.0, 4.0),
@@ -74,7 +79,7 @@ def test_dividing_by_theta_is_assignment_on_the_faulty_model(e1: float, e2: floa
 @settings(max_examples=40, deadline=None)
 @given(st.tuples(LEVEL, LEVEL, LEVEL, LEVEL), CHARGE, CHARGE, st.tuples(HALF, HALF), st.floats(2.0, 4.5))
 def test_a_change_of_law_does_not_change_the_effective_voltage(
-    level_cm, q1: float, q2: float, effectiveness, v: float
+    level_cm: Quad, q1: float, q2: float, effectiveness: Pair, v: float
 ) -> None:
     old = RIG.law(reference_at(), HEALTHY)
     new = RIG.law(reference_at((v, 3.3)), effectiveness)
@@ -116,16 +121,18 @@ class SaturatedRun:
     limits_V = (2.5, 3.6)
 
     def __init__(self, anti_windup: bool = True) -> None:
-        self.plant, self.integral, self.anti_windup = Plant(), (0.0, 0.0), anti_windup
-        self.raw = self.applied = self.error = None
+        self.plant, self.anti_windup = Plant(), anti_windup
+        self.integral: Pair = (0.0, 0.0)
+        self.raw: Pair = (math.nan, math.nan)
+        self.applied = self.error = self.raw
 
     def step(self, law: state_feedback.ControlLaw) -> None:
         effective = state_feedback.effective_voltage(law, self.integral, self.plant.level_cm)
         low, high = self.limits_V
         self.raw = state_feedback.pump_voltage(law, effective)
-        self.applied = tuple(min(max(v, low), high) for v in self.raw)
-        self.error = tuple(r - 0.5 * h for r, h in zip(law.target_V, self.plant.level_cm[:2], strict=True))
-        excess = tuple(v - a for v, a in zip(self.raw, self.applied, strict=True)) if self.anti_windup else (0.0, 0.0)
+        self.applied = pair(min(max(v, low), high) for v in self.raw)
+        self.error = pair(r - 0.5 * h for r, h in zip(law.target_V, self.plant.level_cm[:2], strict=True))
+        excess = pair(v - a for v, a in zip(self.raw, self.applied, strict=True)) if self.anti_windup else (0.0, 0.0)
         self.integral = state_feedback.advance_integral(law, self.integral, self.error, excess, PERIOD_S, 5.0)
         self.plant.advance(self.applied, PERIOD_S)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from can import Message
+from cantools.database.can import Database
 from crccheck.crc import Crc8Autosar
 
 import firmware_sim.cli
@@ -47,14 +48,16 @@ def rows_of(name: str, *heading: str):
     return next(rows for head, rows in tables(name) if head[: len(heading)] == heading)
 
 
-def plain(cell):
+def plain(cell: str) -> str:
     return cell.strip("`")
 
 
-def database():
+def database() -> Database:
     import cantools
 
-    return cantools.database.load_file(str(ROOT / "config/bench.dbc"), cache_dir=None)
+    loaded = cantools.database.load_file(str(ROOT / "config/bench.dbc"), cache_dir=None)
+    assert isinstance(loaded, Database)
+    return loaded
 
 
 def test_every_cause_of_a_trip_is_explained_once() -> None:
@@ -224,7 +227,7 @@ def test_times_are_the_code_s() -> None:
 
 
 @pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.relative_to(DOCS).as_posix())
-def test_links_between_the_documents_lead_somewhere(page) -> None:
+def test_links_between_the_documents_lead_somewhere(page: Path) -> None:
     text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
     for target in re.findall(r"\]\(([^)\s]+)\)", text):
         if target.startswith("https://"):

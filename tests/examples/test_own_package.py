@@ -32,7 +32,7 @@ method = "innovation"
 """
 
 
-def installed(source, target):
+def installed(source: Path, target: Path):
     """The package installed into a directory of its own; a copy is built, so that nothing is left beside the source."""
     copy = shutil.copytree(source, target.parent / "source", ignore=shutil.ignore_patterns("__pycache__", "dist"))
     subprocess.run([*PIP, "install", *OFFLINE, "--target", target, copy], check=True)
@@ -40,12 +40,12 @@ def installed(source, target):
 
 
 @pytest.fixture(scope="module")
-def own_package(tmp_path_factory):
+def own_package(tmp_path_factory: pytest.TempPathFactory):
     return installed(PACKAGE, tmp_path_factory.mktemp("own") / "site")
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory):
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """hil itself, built and installed as a wheel."""
     folder = tmp_path_factory.mktemp("wheel")
     source = folder / "source"
@@ -58,7 +58,7 @@ def wheel(tmp_path_factory):
     return folder / "site"
 
 
-def run(folder, site, *command, columns="100"):
+def run(folder: Path, site: Path, *command: str, columns: str = "100") -> subprocess.CompletedProcess[str]:
     """A command in `folder` that finds packages in `site` first."""
     environment = {**os.environ, "PYTHONPATH": str(site), "COLUMNS": columns}
     return subprocess.run(
@@ -66,28 +66,28 @@ def run(folder, site, *command, columns="100"):
     )
 
 
-def test_a_design_of_an_installed_package_shows_up_in_hil_design(own_package, tmp_path):
+def test_a_design_of_an_installed_package_shows_up_in_hil_design(own_package, tmp_path: Path) -> None:
     done = run(tmp_path, own_package, "-m", "hil", "design")
     assert (done.returncode, done.stderr) == (0, "")
     assert "lqr: from the package fourtank-example" in done.stdout
     assert "rig: " in done.stdout
 
 
-def test_a_scenario_names_the_packages_design_and_detector(own_package, tmp_path):
+def test_a_scenario_names_the_packages_design_and_detector(own_package, tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text(SCENARIO)
     done = run(tmp_path, own_package, "-m", "hil", "simulate", "own.toml", "--out", "run", "--no-rerun", "--no-report")
     assert (done.returncode, done.stderr) == (0, "")
     assert '"pump_effectiveness"' in (tmp_path / "run" / "events.jsonl").read_text()
 
 
-def test_without_the_package_its_names_are_refused_with_those_that_there_are(tmp_path):
+def test_without_the_package_its_names_are_refused_with_those_that_there_are(tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text(SCENARIO)
     done = run(tmp_path, tmp_path, "-m", "hil", "simulate", "own.toml", "--out", "run")
     assert done.returncode == 2
     assert done.stderr == "hil: own.toml: control.design = 'lqr': must be one of rig, calibrated\n"
 
 
-def test_a_package_that_cannot_be_imported_is_named(own_package, tmp_path):
+def test_a_package_that_cannot_be_imported_is_named(own_package, tmp_path: Path) -> None:
     broken = shutil.copytree(own_package, tmp_path / "site")
     (broken / "fourtank_example" / "design.py").write_text("import no_such_module\n")
     (tmp_path / "own.toml").write_text(SCENARIO)
@@ -111,7 +111,7 @@ print(hil.__file__, hil.simulate("paper", design=Lqr()).iae_Vs["reference_step"]
 """
 
 
-def test_a_script_of_ten_lines_runs_in_an_empty_folder_with_the_wheel(wheel, tmp_path):
+def test_a_script_of_ten_lines_runs_in_an_empty_folder_with_the_wheel(wheel: Path, tmp_path: Path) -> None:
     assert len(TEN_LINES.splitlines()) == 10
     script = tmp_path / "script.py"
     script.write_text(TEN_LINES)
@@ -124,7 +124,7 @@ def test_a_script_of_ten_lines_runs_in_an_empty_folder_with_the_wheel(wheel, tmp
     assert [path.name for path in tmp_path.iterdir()] == ["script.py"], "the record stayed in memory"
 
 
-def test_the_wheel_knows_its_scenarios_by_name(wheel, tmp_path):
+def test_the_wheel_knows_its_scenarios_by_name(wheel: Path, tmp_path: Path) -> None:
     """`hil simulate paper` in an empty folder used to end with "can't be read"."""
     out = ("--out", "run", "--duration", "5", "--no-rerun", "--no-report")
     done = run(tmp_path, wheel, "-m", "hil", "simulate", "paper", *out)

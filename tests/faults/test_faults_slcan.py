@@ -59,7 +59,9 @@ def test_a_run_over_a_line_is_the_same_to_the_bit(line: str) -> None:
 
 @pytest.mark.parametrize("end", [b"\n", b"\r\n"])
 @pytest.mark.parametrize("which", ["frames", "all lines"])
-def test_a_run_over_an_adapter_with_other_line_ends_is_the_same_to_the_bit(line: slcan_bench.Line, end, which) -> None:
+def test_a_run_over_an_adapter_with_other_line_ends_is_the_same_to_the_bit(
+    line: slcan_bench.Line, end: bytes, which: str
+) -> None:
     """Every received frame used to be rejected, and the rig was never ready: "levels are too old"."""
 
     def other_end(text):
@@ -311,7 +313,9 @@ def test_case_27_every_send_refused(line: str) -> None:
 
 
 @pytest.mark.parametrize("from_s", [-2.0, AT_S])
-def test_lines_that_are_rejected_are_named_when_the_rig_is_not_ready_and_when_it_trips(line, from_s):
+def test_lines_that_are_rejected_are_named_when_the_rig_is_not_ready_and_when_it_trips(
+    line: str, from_s: float
+) -> None:
     """That 1,668 lines were rejected used to be said only at the end of a run; the text blamed old levels alone."""
 
     def garble(text):

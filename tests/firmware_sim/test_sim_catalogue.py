@@ -40,7 +40,7 @@ def test_a_new_class_is_a_kind_a_command_and_a_row_of_the_table(kinds: dict[str,
 
 
 @pytest.mark.parametrize(("kind", "table"), KINDS.items(), ids=KINDS)
-def test_every_kind_says_what_it_acts_on_its_unit_and_how_to_command_it(kind, table) -> None:
+def test_every_kind_says_what_it_acts_on_its_unit_and_how_to_command_it(kind: str, table: type[FaultTable]) -> None:
     assert table.acts_on
     assert table.words
     assert (table.unit != "") == ("value" in table.model_fields)

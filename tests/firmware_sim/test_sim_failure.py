@@ -2,7 +2,7 @@
 
 import pytest
 
-from firmware_sim.failure_command import COMPONENTS, execute
+from firmware_sim.failure_command import COMPONENTS, Component, execute
 from firmware_sim.faults.base import Fault
 from firmware_sim.faults.catalogue import KINDS, value_of
 from firmware_sim.frames import NodeState
@@ -163,7 +163,7 @@ def test_help_names_the_components() -> None:
 
 
 @pytest.mark.parametrize(("name", "component"), COMPONENTS.items(), ids=COMPONENTS)
-def test_help_of_a_component_has_each_failure_type_with_what_it_takes(name, component) -> None:
+def test_help_of_a_component_has_each_failure_type_with_what_it_takes(name: str, component: Component) -> None:
     answer, recorder = done(f"failure help {name}")
     assert answer.startswith(f"ok {name} -i 1 .. {len(component.targets)}: ok, ")
     assert recorder.faults == recorder.recoveries == []

@@ -58,7 +58,7 @@ def faults_of_every_kind(seed: int):
 
 
 @pytest.mark.parametrize("kind", PARTS)
-def test_both_ends_of_a_kind_s_range_are_accepted_and_what_lies_beyond_is_refused(kind) -> None:
+def test_both_ends_of_a_kind_s_range_are_accepted_and_what_lies_beyond_is_refused(kind: str) -> None:
     """The limits that the documentation and the help show are those that the check applies."""
     targets, _ = PARTS[kind]
     limits = accepts(KINDS[kind].model_fields["value"]).numbers if "value" in KINDS[kind].model_fields else None

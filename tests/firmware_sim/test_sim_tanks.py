@@ -139,7 +139,9 @@ def test_a_spilling_upper_tank_does_not_feed_its_lower_one() -> None:
 
 @pytest.mark.parametrize(("tank", "other"), list(itertools.permutations(range(4), 2)))
 @pytest.mark.parametrize("is_full", [False, True])
-def test_a_nearly_empty_tank_keeps_its_water_while_another_one_spills_or_runs_empty(tank, other, is_full) -> None:
+def test_a_nearly_empty_tank_keeps_its_water_while_another_one_spills_or_runs_empty(
+    tank: int, other: int, is_full: bool
+) -> None:
     """Up to 1 mm could be counted as drained in one step, which the balance of volumes does not show."""
     tanks = Tanks(NO_LAG)
     levels_cm = [5.0, 5.0, 5.0, 5.0]

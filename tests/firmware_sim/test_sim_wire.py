@@ -8,6 +8,7 @@ from typing import Any
 import cantools
 import pytest
 from can import Message
+from cantools.database.can import Database
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -32,11 +33,13 @@ from tests.firmware_sim.sim_bench import CONFIG, GOLDEN, command_bytes, frame_of
 
 
 @pytest.fixture(scope="module")
-def database():
-    return cantools.database.load_file(CONFIG / "bench.dbc", cache_dir=None)
+def database() -> Database:
+    loaded = cantools.database.load_file(CONFIG / "bench.dbc", cache_dir=None)
+    assert isinstance(loaded, Database)
+    return loaded
 
 
-def packed(can_id, values) -> bytes:
+def packed(can_id: int, values: dict[str, Any]) -> bytes:
     """The bytes that the emulator makes of a golden frame's values."""
     if can_id == COMMAND_ID:
         return command_bytes(
@@ -68,8 +71,9 @@ def packed(can_id, values) -> bytes:
     )
 
 
-def decoded(database, can_id: int, data: bytes):
+def decoded(database: Database, can_id: int, data: bytes) -> dict[str, Any]:
     values = database.decode_message(can_id, data, decode_choices=False)
+    assert isinstance(values, dict)
     assert values.pop("Crc") == frames.crc8(can_id, data[:-1])
     return values
 
@@ -80,7 +84,7 @@ def test_golden_values_pack_to_golden_bytes(golden: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: golden["about"])
-def test_golden_bytes_carry_golden_values_by_the_dbc(database, golden: dict[str, Any]) -> None:
+def test_golden_bytes_carry_golden_values_by_the_dbc(database: Database, golden: dict[str, Any]) -> None:
     values = decoded(database, golden["id"], bytes.fromhex(golden["data"]))
     assert values == pytest.approx(golden["values"], abs=1e-9)
 
@@ -106,7 +110,7 @@ STATES, STATUSES = st.sampled_from(NodeState), st.sampled_from(ChannelStatus)
 
 @given(VOLTS, VOLTS, STATES, st.sampled_from(TripCause), NIBBLE, NIBBLE, st.sampled_from([0, 1, 255]))
 def test_status_at_its_limits_matches_the_dbc(
-    database, v1: float, v2: float, state, cause, echo: int, counter: int, accepted
+    database: Database, v1: float, v2: float, state, cause, echo: int, counter: int, accepted
 ) -> None:
     data = frames.pack_status((v1, v2), state, cause, echo, counter, accepted)
     expected = {
@@ -123,7 +127,9 @@ def test_status_at_its_limits_matches_the_dbc(
 
 
 @given(st.sampled_from([LOWER_LEVELS_ID, UPPER_LEVELS_ID]), LEVELS, LEVELS, STATUSES, STATUSES, NIBBLE)
-def test_levels_at_their_limits_match_the_dbc(database, can_id, va: float, vb: float, sa, sb, counter: int) -> None:
+def test_levels_at_their_limits_match_the_dbc(
+    database: Database, can_id, va: float, vb: float, sa, sb, counter: int
+) -> None:
     a, b = ("1", "2") if can_id == LOWER_LEVELS_ID else ("3", "4")
     data = frames.pack_levels(can_id, (va, vb), (sa, sb), counter)
     expected = {"Level" + a: va, "Level" + b: vb, "Status" + a: sa, "Status" + b: sb, "Counter": counter}
@@ -138,7 +144,9 @@ def test_levels_at_their_limits_match_the_dbc(database, can_id, va: float, vb: f
     st.sampled_from([0, 1, 65_535]),
     st.sampled_from([0, 1, 2**32 - 1]),
 )
-def test_heartbeats_at_their_limits_match_the_dbc(database, can_id, state, counter: int, boots, contract) -> None:
+def test_heartbeats_at_their_limits_match_the_dbc(
+    database: Database, can_id, state, counter: int, boots, contract
+) -> None:
     data = frames.pack_heartbeat(can_id, state, counter, boots, contract)
     expected = {"State": state, "Counter": counter, "BootCount": boots, "Contract": contract}
     assert decoded(database, can_id, data) == expected
@@ -147,7 +155,7 @@ def test_heartbeats_at_their_limits_match_the_dbc(database, can_id, state, count
 
 @given(VOLTS, VOLTS, st.booleans(), st.booleans(), NIBBLE)
 def test_commands_encoded_by_the_dbc_are_parsed(
-    database, v1: float, v2: float, enable: bool, clear: bool, counter: int
+    database: Database, v1: float, v2: float, enable: bool, clear: bool, counter: int
 ) -> None:
     values = {"Command1": v1, "Command2": v2, "Enable": enable, "ClearTrip": clear, "Counter": counter}
     data = database.encode_message(COMMAND_ID, values | {"Crc": 0})
@@ -156,7 +164,7 @@ def test_commands_encoded_by_the_dbc_are_parsed(
     assert parsed == PumpCommand((pytest.approx(v1), pytest.approx(v2)), enable, clear, counter)
 
 
-def test_ids_data_ids_and_lengths_are_those_of_the_dbc(database) -> None:
+def test_ids_data_ids_and_lengths_are_those_of_the_dbc(database: Database) -> None:
     in_dbc = {message.frame_id: message for message in database.messages}
     assert in_dbc.keys() == frames.DATA_IDS.keys()
     for can_id, message in in_dbc.items():

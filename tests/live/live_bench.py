@@ -73,7 +73,7 @@ def wait_for(condition: Callable[[], bool], timeout_s: float = 10.0) -> bool:
 class Emulator:
     """A running firmware-sim, where it is reached, and what its nodes have recorded."""
 
-    def __init__(self, process: fork_server.ForkedProgram | subprocess.Popen[str], channel, record: Path) -> None:
+    def __init__(self, process: fork_server.ForkedProgram | subprocess.Popen[str], channel: str, record: Path) -> None:
         self.process, self.channel, self._record = process, channel, record
 
     def changes(self):
@@ -203,7 +203,7 @@ def sent_s(folder: Path):
     return [stamp_s for stamp_s, _ in sent]
 
 
-def _frames(log: Path):
+def _frames(log: Path) -> list[tuple[float, str]]:
     """Time in s and identifier of each line."""
     frames = []
     for line in log.read_text().split("\n")[:-1]:

@@ -33,7 +33,7 @@ time.sleep(60)
 """
 
 
-def first_line(process: ForkedProgram | subprocess.Popen[str], timeout_s: float = 10.0):
+def first_line(process: ForkedProgram | subprocess.Popen[str], timeout_s: float = 10.0) -> str:
     readable, _, _ = select.select([process.stdout], [], [], timeout_s)
     assert readable, "no line in time"
     assert process.stdout is not None
@@ -41,7 +41,7 @@ def first_line(process: ForkedProgram | subprocess.Popen[str], timeout_s: float 
 
 
 @contextmanager
-def emulator_process(*arguments: str | int):
+def emulator_process(*arguments: str | int) -> Iterator[tuple[ForkedProgram, str]]:
     process = ForkedProgram(["firmware-sim", *arguments])
     try:
         line = first_line(process)

@@ -34,9 +34,9 @@ from hil.core.types import (
     Timing,
     TripCause,
 )
-from hil.loop import ControlLoop
+from hil.loop import ControlLoop, Outcome
 from hil.wire.contract import Contract
-from tests.narrowing import quad
+from tests.narrowing import not_none, pair, quad
 
 ROOT = Path(__file__).resolve().parents[2]
 CONTRACT = Contract.from_dbc((ROOT / "config/bench.dbc").read_text())
@@ -46,7 +46,7 @@ PERIOD_S = 0.1
 PERIOD_NS = 100 * MS
 START_NS = 1000 * MS
 BENCH = TankModel()
-REST_V = tuple(0.5 * h for h in equilibrium(BENCH, (3.0, 3.0)))
+REST_V = quad(0.5 * h for h in equilibrium(BENCH, (3.0, 3.0)))
 LIMITS = Limits(
     range_V=(0.0, 10.0),
     rate_V_s=20.0,
@@ -80,7 +80,7 @@ HEALTHY = Inputs(
 READY = replace(HEALTHY, pumps=replace(HEALTHY.pumps, state=NodeState.READY, applied_V=(0.0, 0.0)))
 
 
-def but(inputs: Inputs, part: str, **changes) -> Inputs:
+def but(inputs: Inputs, part: str, **changes: Any) -> Inputs:
     """These inputs with something changed: but(HEALTHY, "bus", is_up=False)."""
     return replace(inputs, **{part: replace(getattr(inputs, part), **changes)})
 
@@ -125,12 +125,12 @@ FAULTS: tuple[tuple[str, TripCause, Callable[[Inputs], Inputs]], ...] = (
 """Name, the cause that it trips with, and what it does to the inputs."""
 
 ALL = (True,) * 4
-REST_CM = tuple(y / 0.5 for y in REST_V)
+REST_CM = quad(y / 0.5 for y in REST_V)
 
 
-def doubted(*channels: int) -> tuple[bool, ...]:
+def doubted(*channels: int) -> tuple[bool, bool, bool, bool]:
     """Trust in all sensors but these."""
-    return tuple(i not in channels for i in range(4))
+    return quad(i not in channels for i in range(4))
 
 
 VERDICTS: tuple[tuple[str, TripCause, Diagnosis], ...] = (
@@ -172,7 +172,7 @@ VERDICTS: tuple[tuple[str, TripCause, Diagnosis], ...] = (
 """Name, the cause that it trips with, and what the diagnosis says."""
 
 
-def believing(diagnosis: Diagnosis = NO_FAULT, **changes) -> Belief:
+def believing(diagnosis: Diagnosis = NO_FAULT, **changes: Any) -> Belief:
     """What a loop that accommodates faults would hand on."""
     return Belief(diagnosis, REST_CM, (3.0, 3.0), accommodates=True, **changes)
 
@@ -184,7 +184,7 @@ def config(**changes: Any) -> ControllerConfig:
         reconfiguration=Reconfiguration(BENCH, design, 10.0, (3.0, 3.0)),
         detector=NoDetector(),
         level_filter=LevelFilter(BENCH, lag_s=0.2, filter_s=0.5),
-        references=((0.0, REST_V[:2]),),
+        references=((0.0, pair(REST_V[:2])),),
         reconfigure=True,
         period_s=PERIOD_S,
         anti_windup_s=5.0,
@@ -224,11 +224,11 @@ class RecordingPort:
 class KeepingRecorder:
     """Keeps what the loop records."""
 
-    ticks: list = field(default_factory=list)
-    true_levels: list = field(default_factory=list)
-    frames: list = field(default_factory=list)
-    messages: list = field(default_factory=list)
-    events: list = field(default_factory=list)
+    ticks: list[TickRecord] = field(default_factory=list)
+    true_levels: list[Quad | None] = field(default_factory=list)
+    frames: list[tuple[float, int, bytes, bool]] = field(default_factory=list)
+    messages: list[tuple[float, Message]] = field(default_factory=list)
+    events: list[tuple[float, Event]] = field(default_factory=list)
 
     def tick(self, record: TickRecord, true_level_cm: Quad | None = None) -> None:
         self.ticks.append(record)
@@ -238,7 +238,7 @@ class KeepingRecorder:
     def frame(self, timestamp_s: float, arbitration_id: int, data: bytes | bytearray, is_rx: bool = True) -> None:
         self.frames.append((timestamp_s, arbitration_id, bytes(data), is_rx))
 
-    def message(self, timestamp_s: float, frame) -> None:
+    def message(self, timestamp_s: float, frame: Message) -> None:
         self.messages.append((timestamp_s, frame))
 
     def event(self, t_s: float, event: Event) -> None:
@@ -248,11 +248,9 @@ class KeepingRecorder:
 class LoopBench:
     """A ControlLoop between a port and a recorder; nodes that answer every command, until told otherwise."""
 
-    def __init__(
-        self, controller_config: ControllerConfig | None = None, **arguments: float | bool | Callable[..., Quad | None]
-    ) -> None:
+    def __init__(self, controller_config: ControllerConfig | None = None, **arguments: Any) -> None:
         self.port, self.recorder = RecordingPort(), KeepingRecorder()
-        self.arguments = {"arm_timeout_s": 1.0} | arguments
+        self.arguments: dict[str, Any] = {"arm_timeout_s": 1.0} | arguments
         self.loop = ControlLoop(
             controller_config or config(), CONTRACT, (0.0, 10.24), self.port, self.recorder, **self.arguments
         )
@@ -270,6 +268,13 @@ class LoopBench:
     def mode(self) -> Mode:
         return self.loop._state.supervision.mode
 
+    def is_in(self, mode: Mode) -> bool:
+        """For a test that sees more than one mode: a type checker takes the property to keep its value."""
+        return self.mode is mode
+
+    def ended(self) -> Outcome:
+        return not_none(self.loop.outcome)
+
     @property
     def cause(self) -> TripCause | None:
         return self.loop._state.supervision.cause
@@ -278,16 +283,15 @@ class LoopBench:
     def last(self) -> SentCommand:
         return self.port.sent[-1]
 
-    def codes(self):
+    def codes(self) -> list[str]:
         return [event.code for _, event in self.recorder.events]
 
-    def frames(self):
+    def frames(self) -> dict[str, Message]:
         """One frame of each kind, as the nodes would send them now."""
         sent = self.port.sent
         echo = sent[-1] if sent and self.confirms else None
         runs = echo is not None and echo.enable and not self.node_tripped
-        assert echo is not None
-        applied = echo.voltage_V if runs else (0.0, 0.0)
+        applied = echo.voltage_V if echo is not None and runs else (0.0, 0.0)
         state = node.NodeState.TRIPPED if self.node_tripped else node.NodeState.RUN if runs else node.NodeState.READY
         cause = node.TripCause.WATCHDOG if self.node_tripped else node.TripCause.NONE
         n = self.counter
@@ -295,8 +299,8 @@ class LoopBench:
         pump_beat = node.pack_heartbeat(node.PUMP_HEARTBEAT_ID, state, n, self.boots["pumps"], self.contract)
         level_beat = node.pack_heartbeat(node.LEVEL_HEARTBEAT_ID, state, n, self.boots["levels"], self.contract)
         packed = {
-            "LowerLevels": (node.LOWER_LEVELS_ID, node.pack_levels(node.LOWER_LEVELS_ID, y[:2], s[:2], n)),
-            "UpperLevels": (node.UPPER_LEVELS_ID, node.pack_levels(node.UPPER_LEVELS_ID, y[2:], s[2:], n)),
+            "LowerLevels": (node.LOWER_LEVELS_ID, node.pack_levels(node.LOWER_LEVELS_ID, pair(y[:2]), pair(s[:2]), n)),
+            "UpperLevels": (node.UPPER_LEVELS_ID, node.pack_levels(node.UPPER_LEVELS_ID, pair(y[2:]), pair(s[2:]), n)),
             "PumpStatus": (
                 node.STATUS_ID,
                 node.pack_status(applied, state, cause, echo.counter if echo else 0, n, len(sent) % 256 if echo else 0),
@@ -307,7 +311,7 @@ class LoopBench:
         return {name: self._message(*packed[name]) for name in packed if name not in self.silent}
 
     @staticmethod
-    def _message(can_id, data) -> Message:
+    def _message(can_id: int, data: bytes) -> Message:
         return Message(arbitration_id=can_id, data=data, is_extended_id=False)
 
     def step(self, count: int = 1, stop_reason: str = "", timing: Timing | None = None) -> None:

@@ -53,7 +53,7 @@ def text_of(inputs: Inputs, belief: interlocks.Belief = NO_BELIEF, **more: Any) 
     return after(inputs, belief, **more)[1][0].text
 
 
-def runs(*lengths, base: Inputs = HEALTHY) -> Inputs:
+def runs(*lengths: int, base: Inputs = HEALTHY) -> Inputs:
     return but(base, "measurement", invalid_run=lengths, valid=tuple(n == 0 for n in lengths))
 
 
@@ -79,7 +79,7 @@ def test_only_what_the_diagnosis_or_a_counter_believes_can_be_bypassed() -> None
     [LIMITS, NO_BELIEF, INTERLOCKS[0], RUNNING, supervisor._situation(LIMITS, RUNNING, HEALTHY, NOW_NS, NO_BELIEF)],
     ids=lambda record: type(record).__name__,
 )
-def test_records_can_not_be_changed(record) -> None:
+def test_records_can_not_be_changed(record: Any) -> None:
     name = fields(record)[0].name
     with pytest.raises(FrozenInstanceError):
         setattr(record, name, getattr(record, name))
@@ -160,7 +160,7 @@ def test_a_reading_that_is_not_valid_says_nothing_of_a_high_level(channel: int, 
     lengths[channel] = run
     shorted = level(runs(*lengths), channel, 10.24)
     assert cause_of(shorted, believing()) is None
-    full = tuple(19.1 if i == channel else h for i, h in enumerate(REST_CM))
+    full = quad(19.1 if i == channel else h for i, h in enumerate(REST_CM))
     assert cause_of(shorted, replace(believing(), level_cm=full)) is TripCause.HIGH_LEVEL
     assert cause_of(shorted, NO_BELIEF) is TripCause.HIGH_LEVEL
 
@@ -331,7 +331,7 @@ def test_a_heartbeat_may_be_three_times_as_old_on_a_bus_that_loses_frames(is_los
 @pytest.mark.parametrize("pump", [0, 1])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_node_that_does_not_apply_what_it_echoes_trips_after_a_while(pump: int, sign: float) -> None:
-    def short(volts) -> Inputs:
+    def short(volts: float) -> Inputs:
         return but(HEALTHY, "pumps", shortfall_V=tuple(sign * volts if i == pump else 0.0 for i in (0, 1)))
 
     for begun_ns in (0, NOW_NS):
@@ -529,7 +529,7 @@ STEPS = st.tuples(
 
 @settings(max_examples=150, deadline=None)
 @given(st.lists(STEPS, max_size=60), st.sampled_from([LIMITS, replace(LIMITS, stops_on_dead_pump=True)]))
-def test_no_history_leaves_range_or_rate_or_forgets_a_trip(history, limits) -> None:
+def test_no_history_leaves_range_or_rate_or_forgets_a_trip(history: list[Any], limits: interlocks.Limits) -> None:
     state, now_ns = Supervision(), 0
     for base, faults, requests, diagnosis, stop, seconds, wanted_V in history:
         now_ns += seconds * SECOND

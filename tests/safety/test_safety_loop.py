@@ -1,17 +1,18 @@
 """The loop between a port and a recorder: whatever goes wrong, the same tick sends 0 V."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import pytest
 
 from firmware_sim import frames as node
-from hil.core import controller
+from hil.core import closed_loop
 from hil.core.closed_loop import LoopState
 from hil.core.diagnosis.ideal import NoDetector
 from hil.core.estimator import Estimate
-from hil.core.types import Event, Measurement, Mode, Pair, Timing, TripCause
+from hil.core.types import Diagnosis, Event, Measurement, Mode, Pair, Timing, TripCause
 from tests.narrowing import quad
 from tests.safety.safety_bench import (
     CONTRACT,
@@ -30,23 +31,25 @@ from tests.safety.safety_bench import (
 class Saboteur(NoDetector):
     """A detector that raises, or that reports an impossible effectiveness, once armed."""
 
-    def __init__(self, damage) -> None:
+    def __init__(self, damage: Callable[[Diagnosis], Diagnosis]) -> None:
         self.damage = damage
         self.armed = False
 
-    def step(self, memory, t_s: float, measurement: Measurement, estimate: Estimate, applied_V: Pair):
-        memory, diagnosis = super().step(memory, t_s, measurement, estimate, applied_V)
-        return memory, self.damage(diagnosis) if self.armed else diagnosis
+    def step(
+        self, memory: object, t_s: float, measurement: Measurement, estimate: Estimate, applied_V: Pair
+    ) -> tuple[None, Diagnosis]:
+        kept, diagnosis = super().step(memory, t_s, measurement, estimate, applied_V)
+        return kept, self.damage(diagnosis) if self.armed else diagnosis
 
 
-def raises(error: Exception):
-    def damage(_diagnosis) -> NoReturn:
+def raises(error: Exception) -> Callable[[Diagnosis], Diagnosis]:
+    def damage(_diagnosis: Diagnosis) -> NoReturn:
         raise error
 
     return damage
 
 
-def saboteur_bench(damage) -> LoopBench:
+def saboteur_bench(damage: Callable[[Diagnosis], Diagnosis]) -> LoopBench:
     saboteur = Saboteur(damage)
     bench = LoopBench(config(detector=saboteur)).run()
     saboteur.armed = True
@@ -62,9 +65,9 @@ def assert_off(command: SentCommand) -> None:
 def test_the_pumps_are_enabled_only_after_two_healthy_steps() -> None:
     bench = LoopBench()
     bench.step()
-    assert bench.mode is Mode.READY
+    assert bench.is_in(Mode.READY)
     bench.step()
-    assert bench.mode is Mode.RUNNING
+    assert bench.is_in(Mode.RUNNING)
     assert [c.enable for c in bench.port.sent] == [False, True]
     assert bench.port.sent[1].voltage_V == pytest.approx((2.0, 2.0), abs=1e-3)
 
@@ -107,13 +110,13 @@ def test_whatever_a_step_raises_the_same_tick_sends_0_volts(error: Exception) ->
 @pytest.mark.parametrize("nonsense", [math.nan, math.inf, -math.inf])
 def test_a_law_that_asks_for_no_number_trips_in_the_same_tick(nonsense: float, monkeypatch: pytest.MonkeyPatch) -> None:
     bench = LoopBench().run()
-    original = controller.closed_loop.step
+    original = closed_loop.step
 
-    def broken(*arguments) -> tuple[LoopState, tuple[Event, ...]]:
+    def broken(*arguments: Any) -> tuple[LoopState, tuple[Event, ...]]:
         loop, events = original(*arguments)
         return replace(loop, raw_V=(3.0, nonsense)), events
 
-    monkeypatch.setattr(controller.closed_loop, "step", broken)
+    monkeypatch.setattr(closed_loop, "step", broken)
     bench.step()
     assert bench.last.at_ns == bench.now_ns
     assert_off(bench.last)
@@ -153,20 +156,20 @@ def test_the_first_cause_stays_when_more_goes_wrong() -> None:
     assert bench.codes().count("trip") == 1
 
 
-def trip_causes():
-    def reboot(bench) -> None:
+def trip_causes() -> list[tuple[Callable[[LoopBench], None], TripCause]]:
+    def reboot(bench: LoopBench) -> None:
         bench.boots["levels"] += 1
 
-    def wrong_contract(bench) -> None:
+    def wrong_contract(bench: LoopBench) -> None:
         bench.contract ^= 1
 
-    def node_tripped(bench) -> None:
+    def node_tripped(bench: LoopBench) -> None:
         bench.node_tripped = True
 
-    def high(bench) -> None:
+    def high(bench: LoopBench) -> None:
         bench.levels_V = (*REST_V[:3], 9.6)
 
-    def bus(bench) -> None:
+    def bus(bench: LoopBench) -> None:
         bench.port.is_up = False
 
     return [
@@ -179,7 +182,9 @@ def trip_causes():
 
 
 @pytest.mark.parametrize(("damage", "cause"), trip_causes(), ids=lambda value: getattr(value, "__name__", str(value)))
-def test_what_a_frame_says_trips_in_the_tick_that_reads_it(damage, cause: TripCause) -> None:
+def test_what_a_frame_says_trips_in_the_tick_that_reads_it(
+    damage: Callable[[LoopBench], None], cause: TripCause
+) -> None:
     bench = LoopBench().run()
     damage(bench)
     bench.step()
@@ -192,7 +197,7 @@ def test_what_a_frame_says_trips_in_the_tick_that_reads_it(damage, cause: TripCa
 @pytest.mark.parametrize("channel", range(4))
 def test_the_third_invalid_reading_in_a_row_trips(channel: int, status: int) -> None:
     bench = LoopBench().run()
-    bad = tuple(node.ChannelStatus(status if i == channel else 0) for i in range(4))
+    bad = quad(node.ChannelStatus(status if i == channel else 0) for i in range(4))
     for _ in range(3):  # one or two are ridden out
         bench.statuses = bad
         bench.step(2)
@@ -262,8 +267,9 @@ def test_a_rig_that_never_becomes_ready_ends_the_run_with_the_reason() -> None:
     bench.step(6)
     assert bench.loop.outcome is None
     bench.step()
-    assert bench.loop.outcome.status == "failed"
-    assert bench.loop.outcome.reason == "not ready within 0.5 s: the pump node has tripped"
+    outcome = bench.ended()
+    assert outcome.status == "failed"
+    assert outcome.reason == "not ready within 0.5 s: the pump node has tripped"
     assert bench.recorder.events[-1][1].code == "not_ready"
     assert not any(c.enable or c.clear for c in bench.port.sent)
 
@@ -276,10 +282,10 @@ def test_a_latched_node_is_cleared_only_on_request_and_only_while_disarmed() -> 
     assert all(not c.enable and c.voltage_V == (0.0, 0.0) for c in bench.port.sent)
     bench.node_tripped = False
     bench.step(8)
-    assert bench.mode is Mode.RUNNING
+    assert bench.is_in(Mode.RUNNING)
     bench.node_tripped = True
     bench.step(3)
-    assert bench.mode is Mode.TRIPPED
+    assert bench.is_in(Mode.TRIPPED)
     assert not any(c.clear for c in bench.port.sent[-3:])
 
 
@@ -373,7 +379,7 @@ def test_watcher_and_true_levels_see_every_step() -> None:
 def test_a_watcher_that_fails_is_left_behind_and_the_run_goes_on() -> None:
     calls = []
 
-    def watcher(*_) -> None:
+    def watcher(*_: object) -> None:
         calls.append(1)
         raise RuntimeError("no screen")
 
@@ -390,7 +396,9 @@ def test_a_frame_that_is_not_plain_is_kept_as_it_came_and_changes_nothing(kind: 
     setattr(odd, kind, True)
     before = len(bench.recorder.frames)
     bench.loop.receive(odd, bench.now_ns + MS)
-    assert bench.recorder.messages == [(pytest.approx((bench.now_ns + MS) * 1e-9), odd)]
+    ((at_s, kept),) = bench.recorder.messages
+    assert at_s == pytest.approx((bench.now_ns + MS) * 1e-9)
+    assert kept == odd
     assert len(bench.recorder.frames) == before
     bench.step()
     assert bench.mode is Mode.RUNNING

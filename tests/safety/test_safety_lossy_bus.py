@@ -26,7 +26,7 @@ def test_a_bus_is_lossy_for_two_seconds_after_a_frame_was_missing() -> None:
     frames = LoopBench()
     receiver = Receiver(CONTRACT, CommandSender(CONTRACT), (0.0, 10.24))
 
-    def hear(counter, at_ns) -> bool:
+    def hear(counter: int, at_ns: int) -> bool:
         frames.counter = counter
         for frame in frames.frames().values():
             receiver.take(frame, at_ns)

@@ -1,6 +1,7 @@
 """What an operator asks for in the course of a run, through the whole control step and the loop."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -8,20 +9,20 @@ from typing import Any
 import pytest
 
 from hil.core.diagnosis.ideal import NoDetector
-from hil.core.types import Action, Diagnosis, Mode, Pair, Request, TripCause
+from hil.core.types import Action, Diagnosis, Event, Mode, Pair, Request, TickRecord, TripCause
 from tests.safety.safety_bench import LIMITS, MS, PERIOD_NS, PERIOD_S, REST_V, VERDICTS, LoopBench, config, raw_command
 
 MANUAL, AUTO, CLEAR, STOP = (Request(a) for a in (Action.MANUAL, Action.AUTO, Action.CLEAR, Action.STOP))
 
 
-def bench(*schedule: tuple[float, Request], verdict: Diagnosis | None = None, **changes: Any) -> LoopBench:
+def bench(*schedule: tuple[float, Request], verdict: Diagnosis | None = None, **changes: Any) -> "ToldBench":
     """A loop whose operator asks (at_s, request), with a detector that may be told what to say."""
     detector = Told(verdict)
     limits = changes.pop("limits", LIMITS)
     duration_s = changes.pop("duration_s", math.inf)
     made = replace(config(detector=detector), requests=tuple(schedule), limits=limits, duration_s=duration_s)
-    loop = LoopBench(made, **changes)
-    loop.detector = detector
+    loop = ToldBench(made, **changes)
+    loop.told = detector
     return loop
 
 
@@ -31,15 +32,21 @@ class Told(NoDetector):
     def __init__(self, verdict: Diagnosis | None) -> None:
         self.verdict = verdict
 
-    def step(self, memory, *_: float):
-        return memory, self.verdict or Diagnosis()
+    def step(self, memory: object, *_: object) -> tuple[None, Diagnosis]:  # noqa: ARG002 - the detectors' signature
+        return None, self.verdict or Diagnosis()
 
 
-def records(loop: LoopBench, mode: Mode | None = None):
+class ToldBench(LoopBench):
+    """Its detector says what it is told."""
+
+    told: Told
+
+
+def records(loop: LoopBench, mode: Mode | None = None) -> list[TickRecord]:
     return [r for r in loop.recorder.ticks if mode is None or r.mode is mode]
 
 
-def events(loop: LoopBench, code: str):
+def events(loop: LoopBench, code: str) -> list[tuple[float, Event]]:
     return [(round(t_s, 6), event) for t_s, event in loop.recorder.events if event.code == code]
 
 
@@ -81,7 +88,7 @@ def test_manual_keeps_every_interlock_of_the_diagnosis(name: str, cause: TripCau
     loop = bench((1.0, MANUAL))
     loop.step(15)
     assert loop.mode is Mode.MANUAL
-    loop.detector.verdict = verdict
+    loop.told.verdict = verdict
     loop.step()
     assert (loop.mode, loop.cause) == (Mode.TRIPPED, cause), name
     assert not loop.last.enable
@@ -98,7 +105,7 @@ def test_an_operators_stop_ramps_down_and_says_who_asked() -> None:
 def test_a_dead_pump_stops_the_run_if_so_configured() -> None:
     loop = bench(limits=replace(LIMITS, stops_on_dead_pump=True))
     loop.step(10)
-    loop.detector.verdict = Diagnosis((0.0, 1.0))
+    loop.told.verdict = Diagnosis((0.0, 1.0))
     while loop.loop.outcome is None:
         loop.step()
     assert (loop.loop.outcome.status, loop.loop.outcome.reason) == ("stopped", "pump_dead")
@@ -136,14 +143,14 @@ def test_a_clear_that_comes_while_the_cause_stands_is_refused_and_the_run_ends_i
     loop = bench((1.6, CLEAR), (3.0, CLEAR))
     trip_and_heal(loop, steps=8)
     loop.step(2)
-    assert loop.mode is Mode.TRIPPED
+    assert loop.is_in(Mode.TRIPPED)
     (refused,) = events(loop, "refused")
     assert refused[1].data == {"action": "clear", "reason": "high_level"}
     loop.step(12)
-    assert loop.mode is Mode.RUNNING
+    assert loop.is_in(Mode.RUNNING)
     loop.levels_V = (*REST_V[:3], 9.6)
     loop.step(3)
-    assert loop.loop.outcome.status == "tripped"
+    assert loop.ended().status == "tripped"
 
 
 @pytest.mark.parametrize("at_s", [0.5, 30.0])
@@ -152,7 +159,7 @@ def test_a_clear_in_the_past_or_after_the_end_keeps_no_run_waiting(at_s: float) 
     trip_and_heal(loop)
     loop.step(2)
     assert loop.loop.outcome is not None
-    assert loop.loop.outcome.status == "tripped"
+    assert loop.ended().status == "tripped"
 
 
 def test_a_stop_asked_for_while_tripped_ends_the_run() -> None:
@@ -161,7 +168,8 @@ def test_a_stop_asked_for_while_tripped_ends_the_run() -> None:
     by_operator.step(5)
     assert by_operator.loop.outcome is None
     by_operator.step(5)
-    assert (by_operator.loop.outcome.status, by_operator.loop.outcome.reason) == ("tripped", "high_level")
+    outcome = by_operator.ended()
+    assert (outcome.status, outcome.reason) == ("tripped", "high_level")
     by_signal = bench((9.0, CLEAR))
     trip_and_heal(by_signal)
     by_signal.step(2, stop_reason="SIGTERM")
@@ -213,19 +221,20 @@ def test_clearing_takes_the_nodes_trip_along() -> None:
     assert loop.cause is TripCause.NODE_TRIPPED
     assert not any(c.clear for c in loop.port.sent)
     loop.step(2)
-    assert loop.mode is Mode.DISARMED
+    assert loop.is_in(Mode.DISARMED)
     assert loop.last.clear
     loop.node_tripped = False
     loop.step(3)
-    assert loop.mode is Mode.RUNNING
+    assert loop.is_in(Mode.RUNNING)
     assert not loop.last.clear
 
 
 def test_a_foreign_command_and_a_reboot_stand_for_the_rest_of_the_run() -> None:
-    for spoil in (
+    spoils: tuple[Callable[[LoopBench], object], ...] = (
         lambda b: b.loop.receive(raw_command(1.0, 1.0), b.now_ns + MS),
         lambda b: b.boots.update(levels=2),
-    ):
+    )
+    for spoil in spoils:
         loop = bench((2.0, CLEAR), (9.0, CLEAR))
         loop.step(12)
         spoil(loop)
@@ -239,7 +248,7 @@ def test_a_failed_step_keeps_what_was_seen_of_the_outlets() -> None:
     loop.step(12)
     seen = loop.loop._state.outlets
     assert seen.level_cm is not None
-    loop.detector.verdict = Diagnosis((math.nan, 1.0))
+    loop.told.verdict = Diagnosis((math.nan, 1.0))
     loop.step()
     assert loop.cause is TripCause.CONTROLLER_FAILED
     assert loop.now_ns - seen.watched_ns == PERIOD_NS

@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -25,18 +26,19 @@ def coasting(
     lag_s: float = 0.0,
     outlets: Pair = (1.0, 1.0),
     for_s: float = 400.0,
-):
+) -> npt.NDArray[np.float64]:
     """Highest levels with the pumps commanded to 0 V and their flow fading with the lag."""
     a1, a2, a3, a4 = model.outlet_cm2
     true = replace(model, outlet_cm2=(outlets[0] * a1, outlets[1] * a2, a3, a4))
 
-    def rates(t, h) -> Quad:
+    def rates(t: float, h: npt.NDArray[np.float64]) -> Quad:
         fading = math.exp(-t / lag_s) if lag_s else 0.0
         return level_rates(true, tuple(max(x, 0.0) for x in h), (pump_V[0] * fading, pump_V[1] * fading))
 
     times = np.linspace(0.0, for_s, 40001)  # between the solver's own steps lies the peak
     solved = solve_ivp(rates, (0.0, for_s), level_cm, rtol=1e-7, atol=1e-7, max_step=2.0, dense_output=True)
-    return solved.sol(times).max(axis=1)
+    highest: npt.NDArray[np.float64] = solved.sol(times).max(axis=1)
+    return highest
 
 
 MODELS = st.builds(
@@ -50,14 +52,14 @@ LEVELS = st.tuples(*[st.floats(0.01, 20.0)] * 4)
 
 @settings(max_examples=25, deadline=None)
 @given(MODELS, LEVELS)
-def test_without_lag_the_peak_is_that_of_the_equations(model: TankModel, level_cm) -> None:
+def test_without_lag_the_peak_is_that_of_the_equations(model: TankModel, level_cm: Quad) -> None:
     assert peak_levels(model, 0.0, level_cm, (9.0, 9.0)) == pytest.approx(coasting(model, level_cm), abs=0.01)
 
 
 @settings(max_examples=25, deadline=None)
 @given(MODELS, LEVELS, st.tuples(st.floats(0.0, 10.0), st.floats(0.0, 10.0)), st.floats(0.05, 1.0))
 def test_with_lag_it_is_an_upper_bound_by_no_more_than_the_water_on_its_way(
-    model: TankModel, level_cm, pump_V, lag_s: float
+    model: TankModel, level_cm: Quad, pump_V: Pair, lag_s: float
 ) -> None:
     found = np.array(peak_levels(model, lag_s, level_cm, pump_V))
     true = coasting(model, level_cm, pump_V, lag_s)
@@ -68,7 +70,7 @@ def test_with_lag_it_is_an_upper_bound_by_no_more_than_the_water_on_its_way(
 
 @settings(max_examples=15, deadline=None)
 @given(LEVELS, st.tuples(st.floats(MIN_SHARE, 1.0), st.floats(MIN_SHARE, 1.0)))
-def test_outlets_that_are_partly_blocked_let_less_go(level_cm, shares) -> None:
+def test_outlets_that_are_partly_blocked_let_less_go(level_cm: Quad, shares: Pair) -> None:
     found = peak_levels(BENCH, 0.0, level_cm, (0.0, 0.0), shares)
     assert found == pytest.approx(coasting(BENCH, level_cm, outlets=shares), abs=0.01)
 

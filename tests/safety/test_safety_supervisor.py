@@ -1,7 +1,9 @@
 """The supervisor: every mode times every interlock and event; limits swept; nothing unsafe is ever let through."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -44,7 +46,7 @@ def step(
 @pytest.mark.parametrize("mode", TRIPPING)
 @pytest.mark.parametrize("stop", [False, True])
 def test_an_interlock_trips_in_the_same_step_and_wins_over_a_stop(
-    mode: Mode, cause: TripCause, fault, stop: bool
+    mode: Mode, cause: TripCause, fault: Callable[[Inputs], Inputs], stop: bool
 ) -> None:
     state, command, codes = step(mode, replace(fault(HEALTHY), stop_requested=stop))
     assert state == Supervision(Mode.TRIPPED, cause, (0.0, 0.0))
@@ -54,7 +56,7 @@ def test_an_interlock_trips_in_the_same_step_and_wins_over_a_stop(
 
 @ONE_FAULT
 @pytest.mark.parametrize("mode", WAITING)
-def test_an_interlock_keeps_the_rig_disarmed(mode: Mode, fault) -> None:
+def test_an_interlock_keeps_the_rig_disarmed(mode: Mode, fault: Callable[[Inputs], Inputs]) -> None:
     state, command, codes = step(mode, fault(READY))
     assert state.mode is Mode.DISARMED
     assert state.cause is None
@@ -64,7 +66,7 @@ def test_an_interlock_keeps_the_rig_disarmed(mode: Mode, fault) -> None:
 
 
 @ONE_FAULT
-def test_a_trip_keeps_its_first_cause_whatever_comes_after(fault) -> None:
+def test_a_trip_keeps_its_first_cause_whatever_comes_after(fault: Callable[[Inputs], Inputs]) -> None:
     state, command, codes = step(Mode.TRIPPED, fault(HEALTHY))
     assert state == supervision(Mode.TRIPPED)
     assert command == OFF
@@ -272,7 +274,7 @@ def test_commands_change_by_20_volts_a_second_at_most(mode: Mode, wanted: float,
     st.lists(st.tuples(st.floats(allow_nan=False, allow_infinity=False), st.floats(-20, 20)), max_size=20),
     st.floats(0.001, 1.0),
 )
-def test_no_sequence_of_wishes_leaves_range_or_rate(wishes, period_s: float) -> None:
+def test_no_sequence_of_wishes_leaves_range_or_rate(wishes: list[Pair], period_s: float) -> None:
     state = Supervision(Mode.RUNNING)
     for wanted_V in wishes:
         before = state.command_V
@@ -315,7 +317,7 @@ INPUTS = st.tuples(
 
 @settings(max_examples=100, deadline=None)
 @given(st.lists(INPUTS, max_size=40), st.lists(st.floats(-50, 50), min_size=40, max_size=40))
-def test_invariants_over_any_history(history, wishes) -> None:
+def test_invariants_over_any_history(history: list[Any], wishes: list[float]) -> None:
     """Never enabled while an interlock stands; latched once tripped; only DISARMED leads to READY, READY to RUNNING."""
     state = Supervision()
     for (base, faults, stop, degraded), wish in zip(history, wishes, strict=False):

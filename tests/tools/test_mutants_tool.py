@@ -46,7 +46,7 @@ SURVIVORS += ["return value < 0 -> return value < 1", "return value < 0 -> retur
 
 
 @pytest.fixture
-def toy(tmp_path):
+def toy(tmp_path: Path) -> Path:
     """A project with one module and one test, which looks at the first function alone."""
     for folder in ("hil", "tests/toy"):
         (tmp_path / folder).mkdir(parents=True)
@@ -58,12 +58,12 @@ def toy(tmp_path):
     return tmp_path
 
 
-def judged(toy, *accepted):
+def judged(toy: Path, *accepted: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-c", SCRIPT, str(toy), *accepted]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
 
 
-def test_a_survivor_is_named_with_its_line_before_and_after(toy):
+def test_a_survivor_is_named_with_its_line_before_and_after(toy: Path) -> None:
     done = judged(toy)
     assert done.returncode == 1, done.stderr
     assert "0 accepted survivors, 4 unlisted" in done.stdout
@@ -72,7 +72,7 @@ def test_a_survivor_is_named_with_its_line_before_and_after(toy):
     assert "return value > LIMIT" not in done.stdout
 
 
-def test_accepted_survivors_pass_and_an_entry_that_does_not_survive_fails(toy):
+def test_accepted_survivors_pass_and_an_entry_that_does_not_survive_fails(toy: Path) -> None:
     done = judged(toy, *SURVIVORS)
     assert (done.returncode, "4 accepted survivors, 0 unlisted" in done.stdout) == (0, True), done.stdout
     done = judged(toy, *SURVIVORS, "return value > LIMIT -> return value >= LIMIT")
@@ -80,14 +80,14 @@ def test_accepted_survivors_pass_and_an_entry_that_does_not_survive_fails(toy):
     assert "accepted, but did not survive: hil.limits: return value > LIMIT" in done.stdout
 
 
-def test_a_test_that_fails_without_any_change_kills_nothing(toy):
+def test_a_test_that_fails_without_any_change_kills_nothing(toy: Path) -> None:
     (toy / "tests/toy/test_limits.py").write_text(TEST.replace("is_over(6)", "is_over(4)"))
     done = judged(toy)
     assert done.returncode == 1
     assert "fails without any change: tests/toy/test_limits.py::test_the_limit_itself_is_not_over_it" in done.stderr
 
 
-def test_a_change_elsewhere_in_a_module_does_not_move_the_draw(toy):
+def test_a_change_elsewhere_in_a_module_does_not_move_the_draw(toy: Path) -> None:
     module = toy / "hil/limits.py"
     before = {site.rank for site in sites_of(module, "hil.limits", 3)}
     assert before.isdisjoint({site.rank for site in sites_of(module, "hil.limits", 4)})
@@ -96,7 +96,7 @@ def test_a_change_elsewhere_in_a_module_does_not_move_the_draw(toy):
 
 
 @pytest.mark.parametrize("name", ROOMS)
-def test_every_room_has_modules_and_tests_that_name_them_first(name):
+def test_every_room_has_modules_and_tests_that_name_them_first(name: str) -> None:
     modules = modules_of(ROOT, ROOMS[name])
     assert modules
     assert MUST_BE_COMPLETE.isdisjoint(modules)
@@ -109,7 +109,7 @@ def test_every_room_has_modules_and_tests_that_name_them_first(name):
     assert tests[0] == "tests/firmware_sim/test_sim_draw.py"
 
 
-def test_the_same_seed_draws_the_same_mutants():
+def test_the_same_seed_draws_the_same_mutants() -> None:
     first, again = (draw(ROOT, ["loop"], 5, 2) for _ in range(2))
     assert first == again
     assert len(first) == 5

@@ -65,7 +65,7 @@ def test_the_modulo_of_the_accepted_count_is_not_a_node_without_commands() -> No
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.booleans(), min_size=20, max_size=600), st.integers(0, 255), st.integers(1, 3))
-def test_lost_commands_are_counted_through_every_wrap(arrives, before: int, every: int) -> None:
+def test_lost_commands_are_counted_through_every_wrap(arrives: list[bool], before: int, every: int) -> None:
     """A node that has accepted `before` commands in earlier runs gets some of ours; statuses echo the last one."""
     sender, accepted, echo, first, last = CommandSender(CONTRACT), before, None, None, None
     waiting = 0

@@ -18,7 +18,7 @@ from tests.narrowing import not_none
 from tests.wire.wire_bench import CONTRACT, DATABASE, DBC, DEFAULTS, GOLDEN, NAMES, go, payload_of, sealed
 
 
-def spec_of(can_id) -> FrameSpec:
+def spec_of(can_id: int) -> FrameSpec:
     return next(spec for spec in CONTRACT.frames.values() if spec.frame_id == can_id)
 
 
@@ -53,7 +53,7 @@ def test_sender_writes_the_golden_commands(golden: dict[str, Any]) -> None:
 def test_decoding_agrees_with_cantools(name: str, noise: bytes) -> None:
     spec, theirs = CONTRACT.frames[name], DATABASE.get_message_by_name(name)
     data = noise[: spec.length]
-    expected = theirs.decode(data, decode_choices=False)
+    expected: Any = theirs.decode(data, decode_choices=False)
     in_range = all(not_none(s.minimum) <= expected[s.name] <= not_none(s.maximum) + 1e-9 for s in theirs.signals)
     values = spec.decode(data)
     assert (values is not None) == in_range
@@ -95,7 +95,7 @@ def test_one_step_beyond_a_signals_range_is_refused_both_ways(name: str) -> None
         with pytest.raises(ValueError, match="outside"):
             spec.encode(values | {signal.name: -scale})
         if highest + 1 < 2**signal.length:
-            assert spec.decode(payload_of(name, **(values | {signal.name: (highest + 1) * scale}))) is None
+            assert spec.decode(payload_of(name, 0, **(values | {signal.name: (highest + 1) * scale}))) is None
             refused += 1
     assert refused
 
@@ -106,7 +106,7 @@ def test_commands_come_back_from_the_wire_with_their_counter(v1: float, v2: floa
     sender = CommandSender(CONTRACT)
     for _ in range(before):
         sender.encode(go(), 0)
-    values = DATABASE.decode_message("PumpCommand", sender.encode(go(v1, v2, enable=enable), 0))
+    values: Any = DATABASE.decode_message("PumpCommand", sender.encode(go(v1, v2, enable=enable), 0))
     assert (values["Command1"], values["Command2"]) == pytest.approx((v1, v2), abs=1.01e-4)
     assert values["Enable"] == enable
     assert values["ClearTrip"] == 0
@@ -121,7 +121,8 @@ def test_a_command_that_is_no_voltage_of_a_pump_is_never_put_on_the_wire(volts: 
             sender.encode(command, 0)
     assert sender.sent == 0
     assert sender.unechoed_s(10**9) == 0.0
-    assert DATABASE.decode_message("PumpCommand", sender.encode(go(), 0))["Counter"] == 0
+    decoded: Any = DATABASE.decode_message("PumpCommand", sender.encode(go(), 0))
+    assert decoded["Counter"] == 0
 
 
 @settings(max_examples=100, deadline=None)
@@ -233,7 +234,7 @@ def test_a_wrong_dbc_is_refused_with_the_reason(text: str, reason: str) -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, DBC.index("CM_ ")), st.integers(1, 12), st.sampled_from(["", "0", "-1", "7", "x", " ", "@"]))
-def test_a_damaged_dbc_is_taken_or_refused_but_nothing_else(position: int, length: int, patch) -> None:
+def test_a_damaged_dbc_is_taken_or_refused_but_nothing_else(position: int, length: int, patch: str) -> None:
     with suppress(ContractError):
         Contract.from_dbc(DBC[:position] + patch + DBC[position + length :])
 

@@ -122,7 +122,7 @@ def test_what_is_refused_changes_nothing_and_is_counted_by_its_cause(bad: Messag
     st.booleans(),
 )
 def test_no_frame_raises(
-    can_id, data: bytes, extended: bool, remote: bool, error: bool, at_ns: int, seal: bool
+    can_id: int, data: bytes, extended: bool, remote: bool, error: bool, at_ns: int, seal: bool
 ) -> None:
     receiver_, sender = receiver()
     sender.encode(go(), 0)

@@ -40,7 +40,8 @@ def test_each_identifier_is_named_with_its_causes_the_most_frequent_first() -> N
     [({"is_extended_id": True}, "kind"), ({"is_remote_frame": True, "dlc": 8, "data": b""}, "kind")],
 )
 def test_frames_of_another_kind_are_named(kind: dict[str, Any], cause: str) -> None:
-    one = message(**({"can_id": 0x181, "data": bytes(8)} | kind))
+    arguments: dict[str, Any] = {"can_id": 0x181, "data": bytes(8)} | kind
+    one = message(**arguments)
     assert summary_of(one) == f"frames of 0x181 rejected: 1 {cause}"
 
 

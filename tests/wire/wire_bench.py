@@ -2,9 +2,11 @@
 
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import cantools
 from can import Message
+from cantools.database.can import Database
 from crccheck.crc import Crc8Autosar
 
 from hil.core.types import Command, Measurement, NodeHealth, Pair, PumpFeedback, Quad
@@ -16,13 +18,15 @@ from tests.narrowing import not_none
 ROOT = Path(__file__).resolve().parents[2]
 DBC = (ROOT / "config/bench.dbc").read_text()
 GOLDEN = tomllib.loads((ROOT / "tests/golden/frames.toml").read_text())["frame"]
-DATABASE = cantools.database.load_string(DBC, database_format="dbc")
+LOADED = cantools.database.load_string(DBC, database_format="dbc")
+assert isinstance(LOADED, Database)
+DATABASE: Database = LOADED
 CONTRACT = Contract.from_dbc(DBC)
 NAMES = tuple(CONTRACT.frames)
 MS = 1_000_000
 NODE_FRAMES = ("PumpStatus", "LowerLevels", "UpperLevels", "PumpHeartbeat", "LevelHeartbeat")
 
-DEFAULTS = {
+DEFAULTS: dict[str, dict[str, float]] = {
     "PumpCommand": {"Command1": 3.0, "Command2": 4.0, "Enable": 1, "ClearTrip": 0},
     "PumpStatus": {"Applied1": 3.0, "Applied2": 4.0, "State": 2, "TripCause": 0, "Echo": 0, "Accepted": 1},
     "LowerLevels": {"Level1": 6.0, "Level2": 6.4, "Status1": 0, "Status2": 0},
@@ -34,16 +38,16 @@ DEFAULTS = {
 
 def sealed(name: str, payload: bytes) -> bytes:
     """Payload (the CRC's byte left out) with its CRC, by the description in the DBC."""
-    data_id = not_none(DATABASE.get_message_by_name(name).dbc).attributes["DataId"].value
+    data_id = int(not_none(DATABASE.get_message_by_name(name).dbc).attributes["DataId"].value)
     return payload + bytes([Crc8Autosar.calc(data_id.to_bytes(2, "little") + payload)])
 
 
-def payload_of(name: str, counter: int = 0, **values) -> bytes:
+def payload_of(name: str, counter: int = 0, **values: float) -> bytes:
     data = DATABASE.encode_message(name, DEFAULTS[name] | {"Counter": counter, "Crc": 0} | values, strict=False)
     return sealed(name, data[:-1])
 
 
-def message(can_id: int, data: bytes, **kind: int) -> Message:
+def message(can_id: int, data: bytes, **kind: Any) -> Message:
     return Message(arbitration_id=can_id, data=data, **({"is_extended_id": False} | kind))
 
 
