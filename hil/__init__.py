@@ -23,7 +23,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from hil.version import __version__
+from hil.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from hil.bench.api import campaign, design, load, run, simulate
@@ -70,7 +70,6 @@ __all__ = [
     "RunFolderError",
     "RunResult",
     "SettingsError",
-    "__version__",
     "campaign",
     "design",
     "load",
@@ -112,4 +111,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return sorted([*__all__, "__version__"])

@@ -9,6 +9,7 @@ from functools import partial
 
 from hil import runtime
 from hil.bench.assembly import Bench, Watcher, controller_config, make_loop, run_plan
+from hil.bench.live_warnings import live_warnings
 from hil.bench.open_record import open_record
 from hil.bench.run_options import RunOptions, RunRecord, timeline_settings
 from hil.core.types import Event, Severity
@@ -36,6 +37,9 @@ def run_live(
         timeline = timeline_settings(bench, config, options)
         recorder.open(folder, partial(open_record, folder, timeline, options.realtime is not None))
         record = stack.enter_context(RunRecord(recorder, port))
+        for warning in live_warnings(bench):
+            sys.stderr.write(f"hil: {warning.text}\n")
+            recorder.event(0.0, warning)
         loop = make_loop(
             bench, config, port, recorder, clear_trip=options.clear_trip, on_tick=on_tick, clock_ns=clock.now_ns
         )

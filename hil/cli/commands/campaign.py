@@ -1,0 +1,48 @@
+"""`hil campaign`: scenarios times faults times seeds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+from rich.console import Console
+
+from hil.cli.options import ConfigDir, Duration, ReportChoice
+
+EXAMPLE = "hil campaign pump_losses --seeds 20 --out runs/losses"
+
+
+def campaign(
+    spec: Annotated[
+        Path,
+        typer.Argument(
+            metavar="CAMPAIGN", help="A campaign file, a scenario file, a folder of scenarios, or a shipped name."
+        ),
+    ],
+    seeds: Annotated[
+        Optional[int], typer.Option(min=1, help="Seeds for each case. Default: the file's, else 10.")
+    ] = None,
+    first_seed: Annotated[
+        Optional[int], typer.Option(min=0, help="The first seed. Default: the file's, else 1.")
+    ] = None,
+    out: Annotated[
+        Optional[Path],
+        typer.Option("--out", metavar="DIR", help="The campaign's folder; runs that are in it are not repeated."),
+    ] = None,
+    duration: Duration = None,
+    config: ConfigDir = None,
+    processes: Annotated[
+        Optional[int], typer.Option(min=1, help="Runs beside each other. Default: one for each core; 1 needs no Dask.")
+    ] = None,
+    scheduler: Annotated[
+        Optional[str], typer.Option(metavar="ADDRESS", help="Scheduler of a Dask cluster: tcp://host:8786.")
+    ] = None,
+    report: ReportChoice = True,
+) -> None:
+    """Run scenarios times faults times seeds: a table of outcomes and a report. Exit code 3: an invariant broke."""
+    from hil.bench.campaign_run import CampaignOptions
+    from hil.cli import campaign_command as campaigns
+
+    options = CampaignOptions(out, config, seeds, first_seed, duration or None, processes, scheduler, report)
+    raise typer.Exit(campaigns.run(Console(), spec, options))

@@ -1,0 +1,33 @@
+"""`hil report`: key figures and report of a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+
+EXAMPLE = "hil report runs/first --compare runs/second"
+
+
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A run folder.")],
+    compare: Annotated[
+        Optional[Path],
+        typer.Option("--compare", metavar="DIR", help="A second run, drawn into the same figures."),
+    ] = None,
+) -> None:
+    """Compute a run's key figures and write report.html again, with a second run if wanted."""
+    from hil.edge.record.run_folder import RunFolder, RunFolderError
+    from hil.review import kpi
+    from hil.review.run_report import write_report
+
+    first = RunFolder.open(folder)
+    second = RunFolder.open(compare) if compare else None
+    try:
+        for one in (first, second):
+            if one is not None:
+                kpi.compute(one)
+        typer.echo(write_report(first, second))
+    except (OSError, UnicodeDecodeError) as error:
+        raise RunFolderError(f"no report of {folder} can be made: {error}") from None

@@ -1,0 +1,68 @@
+"""`hil run`: one run in real time on a CAN bus."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Optional
+
+import typer
+from rich.console import Console
+
+from hil.cli import exit_codes
+from hil.cli.options import (
+    Bitrate,
+    Channel,
+    ConfigDir,
+    Duration,
+    Interface,
+    OutDir,
+    ReportChoice,
+    RerunChoice,
+    ScenarioFile,
+)
+
+EXAMPLE = "hil run steps -i socketcan -c can0"
+
+
+def run(
+    scenario: ScenarioFile,
+    interface: Interface = None,
+    channel: Channel = None,
+    bitrate: Bitrate = None,
+    out: OutDir = None,
+    duration: Duration = None,
+    clear_trip: Annotated[
+        bool, typer.Option("--clear-trip", help="First clear a trip that the pump node still has from an earlier run.")
+    ] = False,
+    config: ConfigDir = None,
+    rerun: RerunChoice = True,
+    report: ReportChoice = True,
+    realtime: Annotated[
+        bool,
+        typer.Option(
+            "--realtime", help="Ask for SCHED_FIFO and locked memory, without the live table; refusals are shown."
+        ),
+    ] = False,
+    priority: Annotated[
+        Optional[int], typer.Option(metavar="1..99", help="Priority of SCHED_FIFO. Default: 80.")
+    ] = None,
+    cpu: Annotated[Optional[int], typer.Option(metavar="N", help="Use this processor only. Default: any.")] = None,
+) -> None:
+    """Run a scenario in real time on a CAN bus: the rig's, or the emulator's (firmware-sim). Moves pumps."""
+    from hil.edge.host.realtime import wish
+
+    wanted = wish(realtime, priority, cpu)  # before numpy is loaded: it may be told to start no threads
+    from hil.bench import assembly, live_run, run_options
+    from hil.cli import run_display
+    from hil.edge.can.bus import BusAddress
+
+    bench = assembly.load(scenario, config)
+    bus = bench.rig.bus
+    address = BusAddress(interface or bus.interface, channel or bus.channel, bitrate or bus.bitrate)
+    folder = out or run_options.default_folder(bench.scenario.scenario.name, datetime.now())
+    options = run_options.RunOptions(folder, duration_s=duration, rerun=rerun, clear_trip=clear_trip, realtime=wanted)
+    console = Console()
+    with run_display.live_status(console, with_table=not realtime) as watch:
+        figures, outcome = live_run.run_live(bench, options, address, watch)
+    run_display.finish(console, folder, figures, with_report=report)
+    raise typer.Exit(exit_codes.BY_SIGNAL.get(outcome.reason.partition(";")[0], exit_codes.BY_STATUS[outcome.status]))

@@ -1,0 +1,37 @@
+"""`hil simulate`: one run in lockstep with the emulator."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from hil.cli import exit_codes
+from hil.cli.options import ConfigDir, Duration, OutDir, ReportChoice, RerunChoice, ScenarioFile
+
+EXAMPLE = "hil simulate paper --seed 3 --out runs/first"
+
+
+def simulate(
+    scenario: ScenarioFile,
+    out: OutDir = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the emulator's noise and parameter spread.")] = 1,
+    duration: Duration = None,
+    config: ConfigDir = None,
+    rerun: RerunChoice = True,
+    report: ReportChoice = True,
+) -> None:
+    """Run a scenario in lockstep with the emulator, every frame on a virtual CAN bus, much faster than real time."""
+    from hil.bench import assembly, lockstep_run, run_options
+    from hil.cli import run_display
+
+    bench = assembly.load(scenario, config)
+    folder = out or run_options.default_folder(bench.scenario.scenario.name, datetime.now())
+    options = run_options.RunOptions(folder, seed, duration, rerun)
+    console = Console()
+    with run_display.progress(console, bench, duration) as advance:
+        figures = lockstep_run.simulate(bench, options, advance)
+    run_display.finish(console, folder, figures, with_report=report)
+    raise typer.Exit(exit_codes.BY_STATUS[figures.status])

@@ -1,0 +1,45 @@
+"""Arguments and options that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+
+from hil.edge.can import adapters
+
+Interface = Annotated[
+    Optional[str],
+    typer.Option(
+        "-i",
+        "--interface",
+        help=f"CAN interface: {adapters.known()}; or another of python-can. Default: the rig file's.",
+    ),
+]
+Channel = Annotated[
+    Optional[str],
+    typer.Option("-c", "--channel", help=f"For {adapters.channels()}. Default: the rig file's."),
+]
+Bitrate = Annotated[
+    Optional[int],
+    typer.Option("-b", "--bitrate", min=10_000, max=1_000_000, help="bit/s. Default: the rig file's."),
+]
+WithPumps = Annotated[bool, typer.Option("--with-pumps", help="Also move the pumps a little. Stay beside the rig.")]
+ScenarioFile = Annotated[
+    Path, typer.Argument(metavar="SCENARIO", help="A scenario file, or the name of a shipped one, such as paper.")
+]
+ConfigDir = Annotated[
+    Optional[Path],
+    typer.Option("--config", metavar="DIR", help="Folder with rig.toml, emulator.toml and bench.dbc."),
+]
+OutDir = Annotated[
+    Optional[Path],
+    typer.Option("--out", metavar="DIR", help="The run folder to write; must not exist. Default: runs/<time>_<name>."),
+]
+Duration = Annotated[
+    Optional[float],
+    typer.Option("--duration", metavar="S", min=0.0, max=1e7, help="Length of the run. Default: the scenario's."),
+]
+RerunChoice = Annotated[bool, typer.Option("--rerun/--no-rerun", help="Whether to write run.rrd.")]
+ReportChoice = Annotated[bool, typer.Option("--report/--no-report", help="Whether to write report.html.")]
