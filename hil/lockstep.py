@@ -1,6 +1,7 @@
 """Controller and emulator in step on a simulated clock: every frame encoded, sent on a virtual bus, checked, decoded.
 
-The same loop, wire and nodes as live, only faster, and the same to the byte for the same seed.
+The same loop, wire and nodes as in real time, but faster, and with the same bytes for the same seed. See
+docs/decisions/0007-lean-virtual-bus.md.
 """
 
 from __future__ import annotations
@@ -24,9 +25,10 @@ def run(
 ) -> Outcome:
     """Run to the end.
 
-    port, emulator : two ends of one virtual bus that keeps timestamps. on_progress : gets the number of steps made.
+    port, emulator : the two ends of one virtual bus that keeps time stamps. on_progress : called every 100 steps with
+    the number of steps done.
 
-    A step at time t sees what the nodes sent up to t; its command takes effect at t.
+    A step at time t receives what the nodes sent up to t; its command takes effect at t.
     """
     period_ns = round(period_s * 1e9)
     now_ns = number = 0

@@ -1,6 +1,7 @@
-"""The control loop, whatever clock drives it: read, decode, step, encode, write, record.
+"""The control loop, for any clock: read, decode, step, encode, write, record.
 
-`runtime` drives it by the monotonic clock against a real bus, `lockstep` by a simulated one against the emulator.
+`runtime` runs it on the monotonic clock and a real bus, `lockstep` on a simulated clock and the emulator. See
+docs/decisions/0011-interlocks.md for the end of a run.
 """
 
 from __future__ import annotations
@@ -33,27 +34,27 @@ class Port(Protocol):
 
     @property
     def lines_rejected(self) -> str:
-        """What an adapter has refused, and what was rejected of its lines, in words; "" for nothing."""
+        """Commands refused by an adapter and its rejected lines, as text; "" if there are none."""
         ...
 
     def send(self, frame_id: int, data: bytes, timestamp_s: float) -> bool:
-        """Send a frame now or not at all; whether it went out."""
+        """Send a frame now or not at all; return whether it was sent."""
         ...
 
 
 class Recorder(Protocol):
-    """Where the loop leaves its record; none of this may block or raise."""
+    """Receives the loop's record; no method may block or raise."""
 
     def tick(self, record: TickRecord, true_level_cm: Quad | None = None) -> None:
         """One control step."""
         ...
 
     def frame(self, timestamp_s: float, arbitration_id: int, data: bytes | bytearray, is_rx: bool = True) -> None:
-        """One frame of ours."""
+        """One frame of the bench."""
         ...
 
     def message(self, timestamp_s: float, message: Any) -> None:
-        """A frame of any other kind, as the bus gave it."""
+        """A frame of any other kind, as received."""
         ...
 
     def event(self, t_s: float, event: Event) -> None:
@@ -120,36 +121,36 @@ class ControlLoop:
             self._recorder.message(received_ns * 1e-9, frame)
 
     def note(self, event: Event) -> None:
-        """Put what the bus says into the record, and before the watcher with the next step."""
+        """Record an event of the bus, and pass it to the watcher with the next step."""
         self._recorder.event(self._t_s, event)
         self._noted += (event,)
 
     def tick(self, now_ns: int, timing: Timing, stop_reason: str = "") -> None:
         """Step, encode, write, record. `outcome` is set once the run is over and the pumps are known to be off."""
         inputs = self._inputs(now_ns, timing, bool(stop_reason))
-        yields = self._yields()
+        must_stay_silent = self._must_stay_silent()
         try:
             self._state, output = controller.step(self._config, self._state, inputs, now_ns)
-            data = b"" if yields else self._sender.encode(self._with_clearing(output, inputs), now_ns)
+            data = b"" if must_stay_silent else self._sender.encode(self._with_clearing(output, inputs), now_ns)
         except Exception as error:  # noqa: BLE001 - whatever a step raises, this tick sends 0 V
             text = f"{type(error).__name__}: {error}"
             self._state, output = controller.fail(self._state, TripCause.CONTROLLER_FAILED, text)
-            data = b"" if yields else self._sender.encode(output.command, now_ns)
+            data = b"" if must_stay_silent else self._sender.encode(output.command, now_ns)
         if data:
             self._send(data, now_ns)
         self._record(output)
         self._show(inputs, output)
         self._settle(inputs, now_ns, stop_reason)
 
-    def _yields(self) -> bool:
-        """Whether somebody else's commands have tripped us: the trip's 0 V was the last word.
+    def _must_stay_silent(self) -> bool:
+        """Whether another sender's commands caused the trip: then nothing is sent after the trip's own 0 V.
 
-        Two controllers that go on sending 0 V to shout each other down would feed the node's watchdog for ever.
+        If two controllers both went on sending 0 V, the node's watchdog would never trip.
         """
         return self._state.supervision.cause is TripCause.FOREIGN_COMMAND
 
     def make_safe(self, now_ns: int) -> None:
-        """Send 0 V, disabled, whatever has happened before. The last word of every way out."""
+        """Send 0 V, disabled, whatever happened before; the last command of every run."""
         self._send(self._sender.encode(supervisor.OFF, now_ns), now_ns)
 
     def _inputs(self, now_ns: int, timing: Timing, stop_requested: bool) -> Inputs:
@@ -164,7 +165,7 @@ class ControlLoop:
         )
 
     def _with_clearing(self, output: Output, inputs: Inputs) -> Command:
-        """While disarmed, and only if the operator asked for it, clear the node's trip, whichever run left it."""
+        """While disarmed, and only if the operator asked for it, clear the node's trip, also an earlier run's."""
         supervision = self._state.supervision
         may_clear = self._clear_trip or supervision.clears_node
         if may_clear and supervision.mode is Mode.DISARMED and inputs.pumps.state is NodeState.TRIPPED:
@@ -185,7 +186,7 @@ class ControlLoop:
             self._recorder.event(self._t_s, event)
 
     def _show(self, inputs: Inputs, output: Output) -> None:
-        """Let the watcher see the step; one that fails is left behind, the run goes on."""
+        """Call the watcher with the step; if it raises, the run goes on without it."""
         noted, self._noted = self._noted, ()
         if self._on_tick is None:
             return
@@ -193,7 +194,7 @@ class ControlLoop:
             output = replace(output, events=noted + output.events)
         try:
             self._on_tick(inputs, output, self._state.supervision.mode)
-        except Exception as error:  # noqa: BLE001 - whatever a display raises is no reason to stop pumps
+        except Exception as error:  # noqa: BLE001 - an error of a display must not stop the run
             self._on_tick = None
             self._recorder.event(self._t_s, Event(Severity.WARNING, "watcher_failed", f"no more display: {error}"))
 
@@ -240,7 +241,7 @@ class ControlLoop:
 
 
 def _unconfirmed(inputs: Inputs, status_age_max_s: float) -> str:
-    """What is missing for the pumps to be known off, to be put behind a reason; "" when nothing is.
+    """What is missing to know that the pumps are off, as an addition to the reason; "" if nothing is.
 
     Two separate facts: what the node's newest status reports, and whether the last command was echoed.
     """

@@ -1,7 +1,8 @@
-"""The loop in real time: one thread, absolute deadlines, a late step skipped and recorded, never made up for.
+"""The loop in real time: one thread, absolute deadlines; a late step is skipped and recorded, never repeated.
 
-Between deadlines the thread waits for frames, but for the very last moments, which the clock waits out: a wait for
-frames ends as late as the thread wakes up. Whatever ends the loop, the last thing it sends is 0 V.
+Between deadlines the thread waits for frames. Shortly before a deadline the clock waits instead, because a wait for
+frames ends late if the thread wakes up late. Whatever ends the loop, the last command is 0 V. See
+docs/decisions/0015-real-time.md.
 """
 
 from __future__ import annotations
@@ -15,21 +16,21 @@ from hil.edge.host.clock import AWAKE_NS
 from hil.loop import ControlLoop, Outcome
 
 STALL_NS = 10_000_000
-"""A step that begins later than this first takes in the frames that have piled up, or they would count as too old."""
+"""A step that begins later than this first receives all waiting frames, which would otherwise be too old."""
 
 DOWN_POLL_S = 0.005
-"""A bus that is down returns at once; look again after this long."""
+"""A bus that is down returns at once; try again after this long."""
 
 
 class Clock(Protocol):
-    """What the runtime needs of a clock."""
+    """The clock that the runtime needs."""
 
     def now_ns(self) -> int:
         """Monotonic time."""
         ...
 
     def sleep_until(self, deadline_ns: int) -> None:
-        """Wait for a time to come."""
+        """Wait until this time."""
         ...
 
 
@@ -43,8 +44,8 @@ def run(
 ) -> Outcome:
     """Run to the end.
 
-    stop_reason : "" as long as nobody has asked to stop. housekeeping : called when a step is over; should take less
-    than the rest of the period.
+    stop_reason : returns "" until a stop is requested. housekeeping : called after each step; should take less than the
+    rest of the period.
     """
     period_ns = round(period_s * 1e9)
     early_ns = min(AWAKE_NS, period_ns // 8)
@@ -60,7 +61,7 @@ def run(
             late_ns = now_ns - deadline_ns
             missed = late_ns // period_ns
             skipped += missed
-            for event in port.news():
+            for event in port.take_events():
                 loop.note(event)
             loop.tick(now_ns, Timing(late_ns * 1e-9, skipped), stop_reason())
             deadline_ns += period_ns * (missed + 1)
@@ -71,7 +72,7 @@ def run(
 
 
 def _listen(loop: ControlLoop, port: BusPort, clock: Clock, until_ns: int) -> None:
-    """Take in frames as they come."""
+    """Receive frames until this time."""
     while (remaining_ns := until_ns - clock.now_ns()) > 0:
         if not port.is_up:
             clock.sleep_until(min(until_ns, clock.now_ns() + int(DOWN_POLL_S * 1e9)))
@@ -82,6 +83,6 @@ def _listen(loop: ControlLoop, port: BusPort, clock: Clock, until_ns: int) -> No
 
 
 def _catch_up(loop: ControlLoop, port: BusPort, clock: Clock) -> None:
-    """Take in what has piled up during a stall, so that the step sees what the nodes did meanwhile."""
+    """Receive the frames that arrived during a stall, so that the step knows what the nodes did."""
     for message in port.waiting():
         loop.receive(message, port.arrived_ns(message, clock.now_ns()))

@@ -18,7 +18,7 @@ JITTER_WARN = 0.25
 """Standard deviation of the time between frames, as a share of the period."""
 LOSS_FAIL = 0.05
 """At this share of lost or refused frames two commands in a row are lost ninety times an hour."""
-FEWEST_FRAMES = 3
+MIN_FRAMES = 3
 SECOND_NS = 1_000_000_000
 
 WIRING = "look at cable, termination (60 ohms between CAN_H and CAN_L), supply and bit rate"
@@ -43,7 +43,7 @@ def check_period(observation: Observation, name: str, fail_above: float = PERIOD
     check, cycle_s = f"{name} period", observation.contract.frames[name].cycle_s
     arrivals = observation.of(name)
     gaps_s = [(b.t_ns - a.t_ns) * 1e-9 for a, b in pairwise(arrivals) if b.lost == 0]
-    if len(arrivals) < FEWEST_FRAMES or not gaps_s:
+    if len(arrivals) < MIN_FRAMES or not gaps_s:
         refused = observation.refused(name).total()
         found = f"{len(arrivals)} frames in {observation.duration_s:.1f} s" + (
             f", {refused} refused" if refused else ""

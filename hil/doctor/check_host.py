@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from hil.probe.result import Result, failed, not_checked, passed, warned
 
-COARSEST_CLOCK_S = 1e-6
-LOCKED_BYTES = 512 * 2**20
+MAX_CLOCK_STEP_S = 1e-6
+MIN_LOCKED_BYTES = 512 * 2**20
 """Enough for a controller with its libraries."""
 DISK_WARN_BYTES, DISK_FAIL_BYTES = 2**30, 64 * 2**20
 
@@ -37,7 +37,7 @@ def check_host(facts: HostFacts) -> list[Result]:
 
 def _clock(facts: HostFacts) -> Result:
     check, found = "monotonic clock", f"steps of {facts.clock_step_s * 1e9:g} ns"
-    if facts.clock_step_s > COARSEST_CLOCK_S:
+    if facts.clock_step_s > MAX_CLOCK_STEP_S:
         return warned(check, found, "boot a kernel with high-resolution timers")
     return passed(check, found)
 
@@ -57,7 +57,7 @@ def _memlock(facts: HostFacts) -> Result:
     if facts.may_lock or facts.memlock_bytes == float("inf"):
         return passed(check, "unlimited")
     found = f"up to {facts.memlock_bytes / 2**20:.0f} MiB"
-    if facts.memlock_bytes < LOCKED_BYTES:
+    if facts.memlock_bytes < MIN_LOCKED_BYTES:
         advice = "for mlockall: '@realtime - memlock unlimited' in /etc/security/limits.d, log in anew"
         return warned(check, found, advice)
     return passed(check, found)

@@ -19,7 +19,7 @@ NOISE_WARN, NOISE_FAIL = 1.5, 3.0
 """Noise above so many times the rig file's."""
 QUIET_WARN = 0.4
 """Noise below this share of it: the rig file is off, or the signal sits at the end of its range."""
-FEWEST_READINGS = 25
+MIN_READINGS = 25
 EMPTY_NOISES = 3.0
 """A tank whose level is within so many noises of 0 V is empty: its noise is cut off there."""
 
@@ -61,7 +61,7 @@ def check_range(tank: int, readings_V: list[float], statuses: list[int], range_V
 def check_noise(tank: int, readings_V: list[float], noise_V: float) -> Result:
     """Standard deviation of one reading against sensors.noise_V."""
     check = f"sensor {tank} noise"
-    if len(readings_V) < FEWEST_READINGS:
+    if len(readings_V) < MIN_READINGS:
         return not_checked(check, f"{len(readings_V)} readings are too few")
     steps = [(b - a) ** 2 for a, b in pairwise(readings_V)]
     found_V = sqrt(sum(steps) / (2 * len(steps)))

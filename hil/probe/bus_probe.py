@@ -18,7 +18,7 @@ PATIENCE_S = 1.0
 """How long to wait for a status frame that should come every 50 ms, on a host that may stand still for a while."""
 STALL_NS = 10_000_000
 CATCH_UP_S = 0.005
-LARGEST_BATCH = 1000
+MAX_BATCH = 1000
 OFF_V: Pair = (0.0, 0.0)
 
 
@@ -106,7 +106,7 @@ class Probe:
             if arrival is not None and is_wanted is not None and is_wanted(arrival):
                 return arrival
         if -remaining_ns > STALL_NS:
-            for _ in range(LARGEST_BATCH):
+            for _ in range(MAX_BATCH):
                 came, arrival = self._take(CATCH_UP_S)
                 if not came:
                     break

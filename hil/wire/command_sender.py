@@ -1,4 +1,7 @@
-"""Commands to frames, and what has become of them: which are echoed, which got lost on the way."""
+"""Encodes commands, and finds which of them the pump node echoed and which were lost.
+
+See docs/decisions/0001-wire.md for the counter and the echo.
+"""
 
 from __future__ import annotations
 
@@ -9,16 +12,16 @@ from itertools import islice
 from hil.core.types import Command, Pair
 from hil.wire.contract import Contract
 
-TOLD_APART = 15
-"""A 4-bit echo alone tells no more commands apart; with the count of accepted ones it does."""
+MAX_DISTINCT_ECHOES = 15
+"""A 4-bit echo alone can identify one of so many commands; with the count of accepted ones, one of more."""
 
-LONGEST_MEMORY = 1024
-"""Commands that may wait for their echo: half a second of it trips, at any control period."""
+MAX_PENDING = 1024
+"""Commands that may wait for their echo; waiting half a second trips, at any control period."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sent:
-    """A command on its way: its number since the start, its counter, when it went out, and what it asked for."""
+    """A command that was sent: its number since the start, its counter, its time, and its content."""
 
     number: int
     counter: int
@@ -28,12 +31,12 @@ class Sent:
 
 
 class CommandSender:
-    """Encodes commands with counter and CRC, and matches the node's echoes to them."""
+    """Encodes commands with counter and CRC, and matches the node's echoes with them."""
 
     def __init__(self, contract: Contract) -> None:
-        """The PumpCommand frame of this contract."""
+        """Use the PumpCommand frame of this contract."""
         self._spec = contract.frames["PumpCommand"]
-        self._pending: deque[Sent] = deque(maxlen=LONGEST_MEMORY)
+        self._pending: deque[Sent] = deque(maxlen=MAX_PENDING)
         self._echoed: Sent | None = None
         self._base: tuple[int, int] | None = None
         self.sent = 0
@@ -45,7 +48,7 @@ class CommandSender:
         return self._spec.frame_id
 
     def encode(self, command: Command, now_ns: int) -> bytes:
-        """Payload of the next frame. The supervisor has limited the voltages: out of range is a bug (ValueError)."""
+        """Payload of the next frame. Raises ValueError out of range, which the supervisor should prevent."""
         counter = self.sent % 16
         values = {
             "Command1": command.voltage_V[0],
@@ -60,12 +63,12 @@ class CommandSender:
         return payload
 
     def echo(self, counter: int, accepted: int) -> Sent | None:
-        """Take note of an echo and of the node's count of accepted commands (modulo 256); the command it stands for.
+        """The command that an echo belongs to. accepted : the node's count of accepted commands, modulo 256.
 
-        Commands older than the echoed one are settled too: accepted or, as the count then shows, lost.
+        Older commands are settled too: accepted or lost, as the count shows.
         """
         if self._base is None and accepted == 0:
-            return None  # a node that has accepted nothing since its boot echoes nothing
+            return None  # it has accepted nothing since its boot
         match = self._match(counter, accepted)
         if match is None:
             return self._echoed if self._echoed is not None and self._echoed.counter == counter else None
@@ -74,13 +77,13 @@ class CommandSender:
         self._echoed = match
         if self._base is not None:
             missing = (match.number - self._base[0] - (accepted - self._base[1])) % 256
-            if missing < 128:  # else it counted more than was sent: the echo was one of an earlier run
+            if missing < 128:  # otherwise the echo belonged to an earlier run
                 self.lost += missing
         self._base = match.number, accepted
         return match
 
     def _match(self, counter: int, accepted: int) -> Sent | None:
-        """The command that an echo names: where none was lost, as many after the last one as were accepted since."""
+        """The command that an echo belongs to: if none was lost, as many after the last one as were accepted since."""
         pending = self._pending
         if self._base is not None and pending:
             number, count = self._base
@@ -90,9 +93,9 @@ class CommandSender:
             index = number + gained - pending[0].number
             if index < len(pending) and pending[index].counter == counter:
                 return pending[index]
-        newest = islice(pending, max(len(pending) - TOLD_APART, 0), None)
+        newest = islice(pending, max(len(pending) - MAX_DISTINCT_ECHOES, 0), None)
         return next((sent for sent in newest if sent.counter == counter), None)
 
     def unechoed_s(self, now_ns: int) -> float:
-        """How long the oldest unsettled command has been waiting; 0 when there is none."""
+        """Time in s since the oldest unsettled command was sent; 0 if there is none."""
         return (now_ns - self._pending[0].sent_ns) * 1e-9 if self._pending else 0.0

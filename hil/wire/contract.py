@@ -1,6 +1,7 @@
-"""The contract of the wire: what a frame of ours looks like, read from the DBC.
+"""The contract of the wire: the layout of the bench's frames, read from the DBC.
 
-`Contract.from_dbc(text)` refuses a DBC that lacks a frame, a signal or an attribute that the controller lives on.
+`Contract.from_dbc(text)` refuses a DBC without a frame, signal or attribute that the controller needs. See
+docs/decisions/0001-wire.md and 0002-codec-from-the-dbc.md.
 """
 
 from __future__ import annotations
@@ -23,11 +24,11 @@ SIGNALS = {
 }
 
 COUNTS = {"Counter": 15, "Echo": 15, "Accepted": 255, "State": 3, "Contract": 2**32 - 1}
-"""Highest numbers of the signals whose meaning is fixed; the counter rules and the state machines rest on them."""
+"""Highest values of signals with a fixed meaning, which the counter rules and the state machines rely on."""
 
 
 class ContractError(ValueError):
-    """A DBC that is not the bench's; the message says what is missing or wrong."""
+    """A DBC that does not fit the bench; the message says what is missing or wrong."""
 
 
 Decoded = dict[str, float]
@@ -35,7 +36,7 @@ Decoded = dict[str, float]
 
 @dataclass(frozen=True, slots=True)
 class SignalLayout:
-    """An unsigned little-endian signal: (payload >> shift & mask) * scale, valid up to highest (a raw number)."""
+    """An unsigned little-endian signal: (payload >> shift & mask) * scale, valid up to highest (a raw value)."""
 
     name: str
     shift: int
@@ -46,7 +47,7 @@ class SignalLayout:
 
 @dataclass(frozen=True)
 class FrameSpec:
-    """One frame of ours. crc_start : the CRC register after its data id. cycle_s : 0 when none sends it by itself."""
+    """One frame of the bench. crc_start : the CRC register after its data id. cycle_s : 0 if it is not periodic."""
 
     name: str
     frame_id: int
@@ -56,9 +57,9 @@ class FrameSpec:
     cycle_s: float = 0.0
 
     def decode(self, data: bytes) -> Decoded | None:
-        """Payload to signal values in units; None when one is out of its range.
+        """Payload to signal values in their units; None if one is out of its range.
 
-        The same as cantools' decode (a test holds them together), in half its time: every frame comes here.
+        The same as cantools' decode (a test compares them), in half its time; it is called for every frame.
         """
         payload = int.from_bytes(data, "little")
         values: Decoded = {}
@@ -72,7 +73,7 @@ class FrameSpec:
     def encode(self, values: Decoded) -> bytes:
         """Signal values in units (Crc left out) to a payload with its CRC; the same as cantools' encode.
 
-        Raises ValueError for a value that the signal can't carry.
+        Raises ValueError for a value outside the signal's range.
         """
         payload = 0
         for name, shift, _, scale, highest in self._rows:
@@ -99,7 +100,7 @@ class Contract:
 
     @classmethod
     def from_dbc(cls, text: str) -> Contract:
-        """Raises ContractError naming the frame, signal or attribute that is not as it must be."""
+        """Read a DBC. Raises ContractError, which names the frame, signal or attribute that is wrong."""
         try:
             database = cantools.database.load_string(text, database_format="dbc")
         except Exception as error:  # noqa: BLE001 - cantools raises its parser's own errors, of many kinds
@@ -110,19 +111,19 @@ class Contract:
 
     @property
     def ids(self) -> tuple[int, ...]:
-        """Identifiers of all frames of ours."""
+        """Identifiers of all frames of the bench."""
         return tuple(spec.frame_id for spec in self.frames.values())
 
 
 def fingerprint(text: str) -> int:
-    """CRC-32 of the DBC, blind to line endings and to white space at the ends of lines."""
+    """CRC-32 of the DBC without line ends and white space at the ends of lines."""
     return zlib.crc32("\n".join(line.rstrip() for line in text.splitlines()).encode())
 
 
 def crc8(data: bytes | bytearray, start: int = 0xFF) -> int:
     """AUTOSAR 8H2F CRC over data: polynomial 0x2F, initial value and final XOR 0xFF.
 
-    start : the register to begin with; that of `crc_start(data_id)` for a frame's payload.
+    start : the first value of the register; for a frame's payload `crc_start(data_id)`.
     """
     table, register = _TABLE, start
     for byte in data:
@@ -154,7 +155,7 @@ def _spec(database: Database, name: str) -> FrameSpec:
         raise ContractError(f"frame {name} has no attribute DataId")
     data_id = attributes["DataId"].value
     if not isinstance(data_id, int) or not 0 <= data_id <= 0xFFFF:
-        raise ContractError(f"frame {name} has DataId {data_id!r}, want 0..65535")
+        raise ContractError(f"frame {name} has DataId {data_id!r}, must be 0..65535")
     signals = tuple(_layout(name, signal) for signal in message.signals if signal.name in SIGNALS[name])
     cycle_s = (message.cycle_time or 0) * 1e-3
     return FrameSpec(name, message.frame_id, message.length, crc_start(data_id), signals, cycle_s)

@@ -1,6 +1,6 @@
-"""What an error frame says: the classes of the kernel's include/uapi/linux/can/error.h, in words.
+"""What an error frame reports: the classes of the kernel's include/uapi/linux/can/error.h, as text.
 
-Class bits stand in the identifier, details in the payload. A frame may have several.
+Class bits are in the identifier, details in the payload. A frame can have several classes.
 """
 
 from __future__ import annotations
@@ -9,11 +9,11 @@ from collections.abc import Sequence
 from enum import StrEnum
 
 CONTROLLER = 0x4
-"""Class bit of what data[1] tells: the state of the CAN controller, and frames that it lost."""
+"""Class bit for data[1]: the state of the CAN controller, and frames that it lost."""
 
 
 class ErrorKind(StrEnum):
-    """One thing that an error frame can say."""
+    """One thing that an error frame can report."""
 
     TX_TIMEOUT = "tx_timeout"
     LOST_ARBITRATION = "lost_arbitration"
@@ -30,7 +30,7 @@ class ErrorKind(StrEnum):
     OTHER = "other"
 
 
-WORDS = {
+DESCRIPTIONS = {
     ErrorKind.TX_TIMEOUT: "a frame could not be sent in time",
     ErrorKind.LOST_ARBITRATION: "arbitration lost",
     ErrorKind.OVERFLOW: "the CAN controller has lost frames",
@@ -45,7 +45,7 @@ WORDS = {
     ErrorKind.RESTARTED: "the CAN controller was restarted",
     ErrorKind.OTHER: "an error frame of no known kind",
 }
-"""For a person."""
+"""Text for messages."""
 
 _CLASSES = {
     0x1: ErrorKind.TX_TIMEOUT,
@@ -61,8 +61,8 @@ _CONTROLLER = {0x03: ErrorKind.OVERFLOW, 0x0C: ErrorKind.WARNING, 0x30: ErrorKin
 
 
 def read(arbitration_id: int, data: Sequence[int]) -> tuple[ErrorKind, ...]:
-    """All that an error frame says, at least `OTHER`. arbitration_id : its class bits. data : up to 8 bytes."""
-    said = [kind for bit, kind in _CLASSES.items() if arbitration_id & bit]
+    """Kinds that an error frame reports, at least `OTHER`. arbitration_id : its class bits. data : up to 8 bytes."""
+    kinds = [kind for bit, kind in _CLASSES.items() if arbitration_id & bit]
     if arbitration_id & CONTROLLER and len(data) > 1:
-        said += [kind for bits, kind in _CONTROLLER.items() if data[1] & bits]
-    return tuple(said) or (ErrorKind.OTHER,)
+        kinds += [kind for bits, kind in _CONTROLLER.items() if data[1] & bits]
+    return tuple(kinds) or (ErrorKind.OTHER,)

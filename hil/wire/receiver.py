@@ -1,4 +1,7 @@
-"""Frames in, the records of a control step out: newest levels with their age, the pump node's feedback, heartbeats."""
+"""From frames to the inputs of a control step: newest levels with their age, the pump node's feedback, heartbeats.
+
+See docs/decisions/0001-wire.md.
+"""
 
 from __future__ import annotations
 
@@ -18,17 +21,17 @@ CHANNEL_OK = 0
 UNKNOWN = (nan, nan)
 SECOND_NS = 1_000_000_000
 LOSSY_NS = 2 * SECOND_NS
-"""A bus that lost a frame is taken to be lossy for so long: of 5 % lost it hardly ever is not."""
-MOST_ERRORS = 1000
-"""Error frames within a second are counted up to this many."""
+"""After a lost frame the bus counts as lossy for so long; with 5 % loss that is nearly always."""
+MAX_ERRORS = 1000
+"""At most so many error frames within a second are counted."""
 
 
 @dataclass(slots=True)
 class LevelPair:
-    """What one level frame has brought: the newest readings, runs up to them, and sums since the last step.
+    """Readings of one level frame: the newest ones, runs up to them, and sums since the last step.
 
-    The sums are of valid readings only. moved_V2, jumped_V2 : sum and greatest of the squared differences between
-    readings that followed one another.
+    Only valid readings are summed. moved_V2, jumped_V2 : sum and maximum of the squared differences between consecutive
+    readings.
     """
 
     names: tuple[str, str, str, str]
@@ -45,7 +48,7 @@ class LevelPair:
     invalid_run: tuple[int, int] = (1, 1)
 
     def take(self, values: Decoded, received_ns: int) -> None:
-        """One accepted frame."""
+        """Add one accepted frame."""
         first, second, status1, status2 = self.names
         a, b = values[first], values[second]
         low, high = self.range_V
@@ -74,9 +77,9 @@ class LevelPair:
         self.counts = (self.counts[0] + first, self.counts[1] + second)
 
     def summary(self) -> tuple[Pair, Pair, Pair]:
-        """Mean and variance of the valid readings since the last call, and their jitter. Begins anew.
+        """Mean and variance of the valid readings since the last call, and their jitter. Resets the sums.
 
-        The mean is the newest reading when there were none; variance and jitter are NaN when there were too few.
+        Without valid readings the mean is the newest reading; with too few, variance and jitter are NaN.
         """
         (m1, s1), (m2, s2) = (self._channel(0), self._channel(1))
         n = self.frames
@@ -100,7 +103,7 @@ class LevelPair:
 
 @dataclass(slots=True)
 class Beat:
-    """One node's heartbeat: when it last came, its boot count at first sight, and what it said since."""
+    """One node's heartbeat: its last time, its boot count, and whether it rebooted or has another contract."""
 
     received_ns: int = -1
     boot_count: int = -1
@@ -109,10 +112,10 @@ class Beat:
 
 
 class Receiver:
-    """Checks and decodes frames of ours; holds what the next control step will see."""
+    """Checks and decodes the bench's frames; holds the inputs of the next control step."""
 
     def __init__(self, contract: Contract, sender: CommandSender, sensor_range_V: Pair) -> None:
-        """sensor_range_V : readings outside it are not valid, whatever the node says."""
+        """sensor_range_V : readings outside it are not valid, even if the node reports them as valid."""
         self._checks = tuple(FrameCheck(spec) for spec in contract.frames.values())
         self._fingerprint = contract.fingerprint
         self._sender = sender
@@ -134,7 +137,7 @@ class Receiver:
         }
         self._routes = {check.spec.frame_id: (check, take[check.spec.name]) for check in self._checks}
         self._worst_run = 0
-        self._errors_ns: deque[int] = deque(maxlen=MOST_ERRORS)
+        self._errors_ns: deque[int] = deque(maxlen=MAX_ERRORS)
         self._lost_before = 0
         self._lossy_until_ns = -1
         self.rejections: Counter[Rejection] = Counter()
@@ -143,7 +146,7 @@ class Receiver:
         self.foreign_commands = 0
 
     def take(self, frame: Frame, received_ns: int) -> Rejection | None:
-        """One frame off the bus at its monotonic time of arrival; why it was refused, or None."""
+        """Take one frame with its monotonic time of arrival; return why it was refused, or None."""
         rejection = self._take(frame, received_ns)
         if rejection is None:
             self.accepted += 1
@@ -154,7 +157,7 @@ class Receiver:
 
     @property
     def lost(self) -> int:
-        """Frames that counters show to be missing."""
+        """Number of frames missing by their counters."""
         return sum(check.lost for check in self._checks)
 
     def _take(self, frame: Frame, received_ns: int) -> Rejection | None:
@@ -173,7 +176,7 @@ class Receiver:
         take(values, received_ns)
         return None
 
-    def _take_command(self, values: Decoded, received_ns: int) -> None:  # noqa: ARG002 - as all that take frames
+    def _take_command(self, values: Decoded, received_ns: int) -> None:  # noqa: ARG002 - signature of the routes
         self.foreign_commands += 1
 
     def _take_status(self, values: Decoded, received_ns: int) -> None:
@@ -194,7 +197,7 @@ class Receiver:
         beat.received_ns = received_ns
 
     def measurement(self, now_ns: int) -> Measurement:
-        """The levels for the step at now_ns; begins a new mean."""
+        """The levels for the step at now_ns; resets the sums."""
         lower, upper = self._lower, self._upper
         readings = min(lower.frames, upper.frames)
         (y1, y2), (s1, s2), (j1, j2) = lower.summary()
@@ -212,13 +215,13 @@ class Receiver:
         )
 
     def pumps(self, now_ns: int) -> PumpFeedback:
-        """What the pump node last said."""
+        """The pump node's newest status."""
         age_s = (now_ns - self._status_ns) * 1e-9 if self._status_ns >= 0 else inf
         unechoed_s = self._sender.unechoed_s(now_ns)
         return PumpFeedback(self._applied_V, self._shortfall_V, self._state, self._trip_cause, age_s, unechoed_s)
 
     def nodes(self, now_ns: int) -> NodeHealth:
-        """What the heartbeats say of both nodes."""
+        """State of both nodes by their heartbeats."""
         pump, level = self._pump_beat, self._level_beat
         lost = self.lost
         if lost != self._lost_before:
@@ -233,7 +236,10 @@ class Receiver:
     def bus(
         self, now_ns: int, send_failures: int, is_up: bool, last_error: str = "", lines_rejected: str = ""
     ) -> BusHealth:
-        """Counters so far, and what was bad since the last call. lines_rejected : see `rejections.lines_rejected`."""
+        """Counters since the start, and the longest run of refusals since the last call.
+
+        lines_rejected : text of `rejections.lines_rejected`.
+        """
         worst_run, self._worst_run = self._worst_run, 0
         while self._errors_ns and now_ns - self._errors_ns[0] > SECOND_NS:
             self._errors_ns.popleft()
@@ -254,6 +260,6 @@ class Receiver:
 
 
 def _age_s(now_ns: int, first: LevelPair | Beat, second: LevelPair | Beat) -> float:
-    """Age of the older one; inf before both have come."""
+    """Age of the older one in s; inf before both have arrived."""
     oldest = min(first.received_ns, second.received_ns)
     return (now_ns - oldest) * 1e-9 if oldest >= 0 else inf

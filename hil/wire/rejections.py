@@ -129,5 +129,5 @@ def lines_rejected(counts: Mapping[str, int]) -> str:
     if counts.get("refused"):
         parts.append(f"{counts['refused']:,} commands refused by the adapter")
     if counts.get("dropped"):
-        parts.append(f"{counts['dropped']:,} commands not sent: the adapter took no more")
+        parts.append(f"{counts['dropped']:,} commands not sent: the line was full or the adapter no longer answered")
     return "; ".join(parts)

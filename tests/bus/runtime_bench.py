@@ -72,7 +72,7 @@ class RigPort:
     def arrived_ns(self, message, now_ns):  # noqa: ARG002 - a port whose frames bear no stamp
         return now_ns
 
-    def news(self):
+    def take_events(self):
         return []
 
     def waiting(self):

@@ -84,9 +84,9 @@ def test_each_kind_of_error_is_told_once_and_counted_each_time() -> None:
     port = BusPort(Saying(error(0x20), error(0x20), error(0x22)))
     for _ in range(3):
         assert not_none(port.receive(0.0)).is_error_frame
-    assert [event.data["kind"] for event in port.news()] == ["no_ack", "lost_arbitration"]
+    assert [event.data["kind"] for event in port.take_events()] == ["no_ack", "lost_arbitration"]
     assert port.bus_errors == {"no_ack": 3, "lost_arbitration": 1}
-    assert (port.news(), port.is_up) == ([], True)
+    assert (port.take_events(), port.is_up) == ([], True)
 
 
 def test_bus_off_takes_the_bus_down_and_is_its_reason() -> None:
@@ -97,7 +97,7 @@ def test_bus_off_takes_the_bus_down_and_is_its_reason() -> None:
 
 def test_warnings_of_a_bus_are_the_first_news() -> None:
     port = BusPort(Saying(warnings=("can0 restarts by itself",)))
-    assert [(event.code, event.text) for event in port.news()] == [("bus_setting", "can0 restarts by itself")]
+    assert [(event.code, event.text) for event in port.take_events()] == [("bus_setting", "can0 restarts by itself")]
 
 
 @pytest.mark.parametrize("number", [100, 19, 6])

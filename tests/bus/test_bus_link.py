@@ -23,11 +23,11 @@ def test_a_link_that_is_up_at_its_bit_rate_or_has_none_is_taken(usable: Link) ->
 @pytest.mark.parametrize(
     ("bad", "text"),
     [
-        (link(kind=""), "can0 is no CAN interface"),
+        (link(kind=""), "can0 is not a CAN interface"),
         (link(is_up=False), f"can0 is down; as root: {BRING_UP}"),
         (link(is_up=False, kind="vcan"), "can0 is down; as root: ip link set can0 up"),
         (link(bitrate=250_000), f"can0 runs at 250000 bit/s; as root: ip link set can0 down; {BRING_UP}"),
-        (link(state="BUS_OFF"), "can0 is bus-off; mend the bus, then as root: ip link set can0 type can restart"),
+        (link(state="BUS_OFF"), "can0 is bus-off; fix the bus, then as root: ip link set can0 type can restart"),
     ],
 )
 def test_any_other_is_refused_with_what_to_do(bad: Link, text: str) -> None:
@@ -49,7 +49,7 @@ def test_an_interface_of_another_kind_is_read_like_any() -> None:
 
 def test_a_kernel_that_restarts_by_itself_and_a_controller_in_trouble_are_warned_of() -> None:
     restarts, passive = link(restart_ms=100, state="ERROR_PASSIVE").warnings()
-    assert "after 100 ms by itself (restart-ms)" in restarts
+    assert "after 100 ms (restart-ms)" in restarts
     assert passive == "can0: the CAN controller is error-passive before anything is sent"
 
 

@@ -3,7 +3,7 @@
 import can
 import pytest
 
-from hil.edge.can.bus import LARGEST_BATCH, SEND_FAILURES_IN_A_ROW, BusPort
+from hil.edge.can.bus import MAX_BATCH, SEND_FAILURES_IN_A_ROW, BusPort
 from tests.bus.bus_bench import COMMAND_ID, VirtualFar, closing, frame, next_frame
 
 
@@ -105,8 +105,8 @@ def test_what_is_not_the_buss_fault_is_not_swallowed() -> None:
 
 def test_waiting_takes_a_bounded_batch_of_a_babbling_bus() -> None:
     with closing(VirtualFar("babble")) as far:
-        far.send(*[frame() for _ in range(LARGEST_BATCH + 500)])
-        assert len(far.port.waiting()) == LARGEST_BATCH
+        far.send(*[frame() for _ in range(MAX_BATCH + 500)])
+        assert len(far.port.waiting()) == MAX_BATCH
         assert len(far.port.waiting()) == 500
 
 

@@ -12,9 +12,9 @@ import pytest
 from firmware_sim.links import open_pty
 from firmware_sim.slcan_port import SlcanPort
 from hil.core.types import Pair
-from hil.edge.can.bus import LARGEST_BATCH, BusAddress, BusPort
+from hil.edge.can.bus import MAX_BATCH, BusAddress, BusPort
 from hil.edge.can.slcan_bus import STALE_S
-from hil.edge.can.slcan_lines import LONGEST_LINE
+from hil.edge.can.slcan_lines import MAX_LINE_BYTES
 from tests.bus.bus_bench import (
     COMMAND_ID,
     GARBAGE,
@@ -113,7 +113,7 @@ def test_a_line_without_end_fills_no_memory_and_reception_goes_on(adapter: RawAd
     for _ in range(100):
         adapter.say(b"A" * 1500)
         adapter.port.receive(0.002)
-        assert adapter.bus.lines.kept <= LONGEST_LINE
+        assert adapter.bus.lines.kept <= MAX_LINE_BYTES
     adapter.say(b"\r")
     settle(adapter.port)
     assert adapter.port.line_counts["rejected_endless"] == 1
@@ -127,7 +127,7 @@ def test_a_babbling_line_can_not_hold_a_step_up(adapter: RawAdapter | VirtualFar
     time.sleep(0.1)
     started_s = time.monotonic()
     batch = adapter.port.waiting()
-    assert 0 < len(batch) <= LARGEST_BATCH
+    assert 0 < len(batch) <= MAX_BATCH
     assert time.monotonic() - started_s < 1.0
 
 
@@ -305,6 +305,6 @@ def test_a_frame_sent_waits_for_room_as_long_as_it_is_told_to(opened_pty: tuple[
         failed = 0 if port.send(COMMAND_ID, bytes(6), 0.0) else failed + 1
         time.sleep(0.01 if failed else 0.0)
     started_s = time.monotonic()
-    with pytest.raises(can.CanOperationError, match="takes no more"):
+    with pytest.raises(can.CanOperationError, match="accepts no more"):
         port._bus.send(can.Message(data=b""), timeout=0.2)
     assert 0.2 <= time.monotonic() - started_s < 0.7

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.strategies._internal.core import DataObject
 
-from hil.edge.can.slcan_lines import LONGEST_LINE, LineReader, Reject, frame_line, parse_frame
+from hil.edge.can.slcan_lines import MAX_LINE_BYTES, LineReader, Reject, frame_line, parse_frame
 from tests.bus.bus_bench import GARBAGE
 from tools.fuzz import targets
 
@@ -29,7 +29,7 @@ REJECTED = {
         b"T00000182711",
     ],
     Reject.FD: [b"d18281122334455667788", b"D0000018281122334455667788", b"b1828", b"B000001828"],
-    Reject.ENDLESS: [b"t" * (LONGEST_LINE + 1), b"V" + b"1" * LONGEST_LINE],
+    Reject.ENDLESS: [b"t" * (MAX_LINE_BYTES + 1), b"V" + b"1" * MAX_LINE_BYTES],
 }
 BITS = st.binary(max_size=40) | st.sampled_from(
     [
@@ -218,7 +218,7 @@ def test_good_lines_are_taken_wherever_garbage_ends(parts) -> None:
 
 
 def test_a_line_of_just_the_longest_length_is_kept_and_one_byte_more_is_not() -> None:
-    for length, is_kept in ((LONGEST_LINE, True), (LONGEST_LINE + 1, False)):
+    for length, is_kept in ((MAX_LINE_BYTES, True), (MAX_LINE_BYTES + 1, False)):
         reader = LineReader()
         reader.feed(b"A" * length)
         assert (reader.kept == length) is is_kept

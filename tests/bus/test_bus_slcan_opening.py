@@ -270,7 +270,7 @@ def test_what_talks_but_is_no_adapter_is_refused_in_bounded_time() -> None:
 
 def test_a_line_that_takes_no_commands_is_an_error_in_bounded_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(SerialLine, "write", lambda *_: 0)
-    assert refused(Silent()) == "the adapter takes no commands"
+    assert refused(Silent()) == "the adapter accepts no commands"
 
 
 NO_ADAPTER = {
@@ -310,6 +310,6 @@ def test_one_that_goes_while_it_is_opened_is_an_error() -> None:
     master, path = open_pty()
     gone = threading.Timer(0.15, os.close, [master])
     gone.start()
-    with pytest.raises(BusError, match="no adapter: "):
+    with pytest.raises(BusError, match="the link to the adapter has failed: "):
         BusAddress("slcan", path, BITRATE).open(IDS)
     gone.join()

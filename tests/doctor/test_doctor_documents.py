@@ -20,7 +20,7 @@ from hil.core.interlocks import INTERLOCKS
 from hil.core.types import TripCause
 from hil.doctor import check_echo, check_frames, check_host, check_ramp, check_sensors, check_watchdog
 from hil.doctor.check_link import check_lines, check_link
-from hil.wire.frame_check import LARGEST_COUNTER_STEP, FrameCheck, Rejection
+from hil.wire.frame_check import MAX_COUNTER_STEP, FrameCheck, Rejection
 from tests.doctor.doctor_bench import contract, examined
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -223,7 +223,7 @@ def test_times_are_the_code_s() -> None:
         )
     assert rows["watchdog"][1] == f"{check_watchdog.WATCHDOG_S * 1e3:g} ms after the last accepted command"
     assert rows["watchdog"][2] == f"{check_watchdog.TOLERANCE_S * 1e3:g} ms"
-    assert COUNTER_STEP_MAX == LARGEST_COUNTER_STEP == 8
+    assert COUNTER_STEP_MAX == MAX_COUNTER_STEP == 8
 
 
 @pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.relative_to(DOCS).as_posix())
@@ -260,7 +260,7 @@ def test_limits_of_the_doctor_are_the_code_s() -> None:
         in text
     )
     assert (
-        f"off by more than {check_frames.PERIOD_FAIL:.0%}, or fewer than {check_frames.FEWEST_FRAMES} came".replace(
+        f"off by more than {check_frames.PERIOD_FAIL:.0%}, or fewer than {check_frames.MIN_FRAMES} came".replace(
             "%", " %"
         )
         in text
@@ -273,7 +273,7 @@ def test_limits_of_the_doctor_are_the_code_s() -> None:
     assert f"{check_ramp.RESPONSE_LOW:g} to {check_ramp.RESPONSE_HIGH:g} times what rig.toml says" in text
     assert f"less than {check_ramp.NO_RESPONSE:g} times" in text
     assert f"gives each pump {check_ramp.TOP_V:g} V for {check_ramp.HOLD_S:g} s" in text
-    assert f"{check_host.LOCKED_BYTES / 2**20:g} MiB or more" in text
+    assert f"{check_host.MIN_LOCKED_BYTES / 2**20:g} MiB or more" in text
     assert f"less than {check_host.DISK_FAIL_BYTES / 2**20:g} MiB" in text
     assert check_host.DISK_WARN_BYTES == 2**30
 

@@ -7,7 +7,7 @@ import can
 import pytest
 
 from firmware_sim import frames as node
-from hil.edge.can.slcan_lines import LONGEST_LINE
+from hil.edge.can.slcan_lines import MAX_LINE_BYTES
 from hil.wire.command_sender import CommandSender
 from hil.wire.receiver import Receiver
 from tests.bus.bus_bench import RawAdapter, closing, line, next_frame
@@ -239,7 +239,7 @@ def test_case_26_slcan_line_without_end() -> None:
         for _ in range(60):
             adapter.say(b"A" * 256)
             adapter.port.receive(0.005)
-            assert adapter.bus.lines.kept <= LONGEST_LINE == 1024
+            assert adapter.bus.lines.kept <= MAX_LINE_BYTES == 1024
         adapter.say(b"\r" + line(data=GOOD))
         assert bytes(not_none(next_frame(adapter.port)).data) == GOOD
 

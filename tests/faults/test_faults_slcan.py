@@ -9,7 +9,7 @@ import re
 import pytest
 
 from firmware_sim import frames as node
-from hil.edge.can.slcan_lines import LONGEST_LINE, LineReader, frame_line
+from hil.edge.can.slcan_lines import MAX_LINE_BYTES, LineReader, frame_line
 from hil.wire.command_sender import CommandSender
 from hil.wire.receiver import Receiver
 from tests.bus.bus_bench import GARBAGE
@@ -293,7 +293,7 @@ def test_case_26_line_without_end(line: str) -> None:
         for _ in range(20):
             far.say(b"A" * 1000)
             far.deliver(line.host)
-            assert line.host.lines.kept <= LONGEST_LINE == 1024
+            assert line.host.lines.kept <= MAX_LINE_BYTES == 1024
 
     run = line.play(story(), on_step=line.at(AT_S, babble))
     assert_no_trip(run)

@@ -100,8 +100,8 @@ def test_case_20_error_frames_are_counted_by_class_each_told_once(
     )
     counts = {"lost_arbitration": 1, "no_ack": 2, "error_passive": 1, "protocol_violation": 1, "bus_error": 1}
     assert port.bus_errors == counts
-    assert [event.data["kind"] for event in port.news()] == list(counts)
-    assert port.news() == []
+    assert [event.data["kind"] for event in port.take_events()] == list(counts)
+    assert port.take_events() == []
     assert port.is_up, "none of them is the end"
 
 
@@ -305,7 +305,7 @@ def test_a_kernel_that_restarts_after_bus_off_is_told_of_and_left_as_it_is(cable
     ip("link", "set", cable.near, "up", "type", "can", "bitrate", BITRATE, "restart-ms", 100)
     try:
         port = open_port(cable.near)
-        (event,) = port.news()
+        (event,) = port.take_events()
         port.close()
         assert "restarts a controller that is bus-off after 100 ms" in event.text
         assert Link.read(cable.near).restart_ms == 100

@@ -28,7 +28,7 @@ def verdict(one: frame_check.FrameCheck, counter: int, at_ns: int) -> frame_chec
 
 
 def test_the_rules_are_those_of_the_contract() -> None:
-    assert (frame_check.RESYNCHRONISE_NS, frame_check.LARGEST_COUNTER_STEP) == (150_000_000, 8)
+    assert (frame_check.RESYNCHRONISE_NS, frame_check.MAX_COUNTER_STEP) == (150_000_000, 8)
 
 
 @pytest.mark.parametrize("counter", range(16))

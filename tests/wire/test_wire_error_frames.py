@@ -2,7 +2,7 @@
 
 import pytest
 
-from hil.wire.error_frames import WORDS, ErrorKind, read
+from hil.wire.error_frames import DESCRIPTIONS, ErrorKind, read
 
 QUIET = bytes(8)
 
@@ -51,4 +51,4 @@ def test_what_says_nothing_known_is_still_an_error_frame(classes: int, data: byt
 
 
 def test_every_kind_has_words() -> None:
-    assert set(WORDS) == set(ErrorKind)
+    assert set(DESCRIPTIONS) == set(ErrorKind)

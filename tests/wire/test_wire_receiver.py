@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.core.types import NodeState, Pair
-from hil.wire.frame_check import LARGEST_COUNTER_STEP, RESYNCHRONISE_NS, Rejection
+from hil.wire.frame_check import MAX_COUNTER_STEP, RESYNCHRONISE_NS, Rejection
 from hil.wire.receiver import Receiver
 from tests.wire.wire_bench import (
     CONTRACT,
@@ -148,7 +148,7 @@ def test_counter_rule(last: int, step: int) -> None:
     verdict = receiver_.take(frame("LowerLevels", (last + step) % 16), 20 * MS)
     if step == 0:
         assert verdict is Rejection.DUPLICATE
-    elif step > LARGEST_COUNTER_STEP:
+    elif step > MAX_COUNTER_STEP:
         assert verdict is Rejection.OLD
     else:
         assert verdict is None
@@ -157,7 +157,7 @@ def test_counter_rule(last: int, step: int) -> None:
 
 @pytest.mark.parametrize("step", range(16))
 def test_after_the_resynchronisation_time_any_counter_is_good(step: int) -> None:
-    for late_ns, is_taken in ((RESYNCHRONISE_NS, 1 <= step <= LARGEST_COUNTER_STEP), (RESYNCHRONISE_NS + 1, True)):
+    for late_ns, is_taken in ((RESYNCHRONISE_NS, 1 <= step <= MAX_COUNTER_STEP), (RESYNCHRONISE_NS + 1, True)):
         receiver_, _ = receiver()
         receiver_.take(frame("LowerLevels", 3), 0)
         assert (receiver_.take(frame("LowerLevels", (3 + step) % 16), late_ns) is None) == is_taken

@@ -103,7 +103,7 @@ def test_the_text_is_built_only_when_something_has_changed() -> None:
         (
             {"refused": 7, "dropped": 2, "rejected_garbled": 1, "rejected_length": 1000},
             "1,001 lines rejected: 1,000 length, 1 garbled; 7 commands refused by the adapter; "
-            "2 commands not sent: the adapter took no more",
+            "2 commands not sent: the line was full or the adapter no longer answered",
         ),
     ],
 )

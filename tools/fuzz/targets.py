@@ -9,7 +9,7 @@ import can
 
 from firmware_sim.slcan_port import LINE_MAX, SlcanPort
 from hil.core.types import Command
-from hil.edge.can.slcan_lines import BELL, CR, LONGEST_LINE, LineReader, frame_line, parse_frame
+from hil.edge.can.slcan_lines import BELL, CR, MAX_LINE_BYTES, LineReader, frame_line, parse_frame
 from hil.edge.config.settings_file import default_config_dir
 from hil.wire.command_sender import CommandSender
 from hil.wire.contract import Contract, crc8
@@ -39,7 +39,7 @@ def slcan(data: bytes) -> None:
     pieces: list[can.Message] = []
     for start in range(0, len(stream), size):
         pieces += cut.feed(stream[start : start + size])
-        check(cut.kept <= LONGEST_LINE, "too much is kept")
+        check(cut.kept <= MAX_LINE_BYTES, "too much is kept")
     check([_told(frame) for frame in frames] == [_told(frame) for frame in pieces], "a cut changes frames")
     check(_counts(whole) == _counts(cut), "a cut changes counts")
     check(whole.refused == stream.count(BELL), "refusals miscounted")

@@ -1,7 +1,7 @@
-"""The edge to CAN: python-can's buses, their errors caught and counted.
+"""The border to CAN: opens python-can's buses, catches and counts their errors.
 
-A command goes out once or is lost; nothing is queued here. What a bus raises never reaches the loop: the port counts
-it and, when the link is gone, says so in `is_up`, which trips the supervisor.
+A command is sent once or lost; nothing is queued here. Errors of a bus never reach the loop: the port counts them and,
+when the link has failed, sets `is_up` to False, which trips the supervisor. See docs/decisions/0001-wire.md.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from hil.edge.can.adapters import BusError as BusError
 from hil.edge.can.slcan_bus import SlcanBus
 from hil.edge.host.clock import ArrivalClock
 from hil.wire import error_frames, rejections
-from hil.wire.error_frames import WORDS, ErrorKind
+from hil.wire.error_frames import DESCRIPTIONS, ErrorKind
 
 BUS_ERRORS = (can.CanError, OSError, ValueError, IndexError)
-"""What python-can's interfaces raise on a bad line, a lost adapter, a full queue."""
+"""What python-can's interfaces raise for a bad line, a lost adapter, a full queue."""
 
 LINK_GONE = frozenset({errno.ENETDOWN, errno.ENODEV, errno.ENXIO})
-"""Errors of an interface that was taken down or unplugged; no further send is tried."""
+"""Errors of an interface that was taken down or unplugged; the port sends nothing more."""
 
 SEND_FAILURES_IN_A_ROW = 3
-LARGEST_BATCH = 1000
+MAX_BATCH = 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ class BusAddress:
 
 
 class BusPort:
-    """An open bus as the control loop sees it. `is_up` turns false when the link fails, and stays so."""
+    """An open bus as the control loop uses it. `is_up` becomes False when the link fails, and stays False."""
 
     def __init__(self, bus: can.BusABC) -> None:
         self._bus = bus
@@ -71,16 +71,16 @@ class BusPort:
         self.last_error = ""
         self.bus_errors: Counter[str] = Counter()
         self._arrival = ArrivalClock() if getattr(bus, "has_arrival_stamps", False) else None
-        self._news = [Event(Severity.WARNING, "bus_setting", text) for text in getattr(bus, "warnings", ())]
+        self._events = [Event(Severity.WARNING, "bus_setting", text) for text in getattr(bus, "warnings", ())]
 
     @property
     def line_counts(self) -> dict[str, int]:
-        """What an slcan adapter has refused and we have dropped, by cause; empty on other buses."""
+        """Commands that an slcan adapter refused, and what was dropped, by cause; empty for other buses."""
         return self._bus.counts if isinstance(self._bus, SlcanBus) else {}
 
     @property
     def lines_rejected(self) -> str:
-        """The same in words; "" for nothing. Cheap as long as there is nothing to say."""
+        """`line_counts` in words, for messages; "" while all counts are zero."""
         if not isinstance(self._bus, SlcanBus) or not self._bus.has_counted:
             return ""
         return rejections.lines_rejected(self._bus.counts)
@@ -99,16 +99,16 @@ class BusPort:
         return message
 
     def waiting(self) -> list[can.Message]:
-        """What has arrived so far; bounded, so that a babbling node can't hold a step up."""
+        """The frames that have arrived, at most MAX_BATCH, so that a babbling node can't delay a step."""
         messages: list[can.Message] = []
-        while len(messages) < LARGEST_BATCH and (message := self.receive(0.0)) is not None:
+        while len(messages) < MAX_BATCH and (message := self.receive(0.0)) is not None:
             messages.append(message)
         return messages
 
     def send(
         self, frame_id: int, data: bytes, timestamp_s: float, *, is_extended: bool = False, is_remote: bool = False
     ) -> bool:
-        """Send one frame now or not at all; whether it went out. A remote frame keeps the length of data only."""
+        """Send one frame now or not at all; return whether it was sent. A remote frame has no data, only its length."""
         message = can.Message(
             timestamp_s,
             frame_id,
@@ -131,33 +131,33 @@ class BusPort:
         return True
 
     def arrived_ns(self, message: can.Message, now_ns: int) -> int:
-        """When a frame came, on the monotonic clock: the kernel's stamp where there is one, else now."""
+        """When a frame arrived, on the monotonic clock: the kernel's time stamp if there is one, else now."""
         return now_ns if self._arrival is None else self._arrival.arrived_ns(message.timestamp, now_ns)
 
-    def news(self) -> list[Event]:
-        """What the bus has to say since the last call: its settings at first, then each kind of error once."""
-        news, self._news = self._news, []
-        return news
+    def take_events(self) -> list[Event]:
+        """Events of the bus since the last call: warnings about its settings at first, then each kind of error once."""
+        events, self._events = self._events, []
+        return events
 
     def close(self) -> None:
-        """Shut the bus down; a link that is gone already is no news."""
+        """Shut the bus down; an error of a link that has already failed is ignored."""
         try:
             self._bus.shutdown()
         except BUS_ERRORS as error:
             self.last_error = str(error)
 
     def _note_error_frame(self, message: can.Message) -> None:
-        """Count what an error frame says, tell each kind once; a controller that is bus-off is a link that is gone."""
+        """Count the kinds of an error frame; add an event for each new kind. Bus-off means that the link has failed."""
         for kind in error_frames.read(message.arbitration_id, message.data):
             if kind not in self.bus_errors:
-                self._news.append(Event(Severity.WARNING, "bus_error", WORDS[kind], {"kind": kind.value}))
+                self._events.append(Event(Severity.WARNING, "bus_error", DESCRIPTIONS[kind], {"kind": kind.value}))
             self.bus_errors[kind] += 1
-            self.last_error = WORDS[kind]
+            self.last_error = DESCRIPTIONS[kind]
             if kind is ErrorKind.BUS_OFF:
                 self.is_up = False
-                return  # nothing else matters more
+                return
 
 
 def _number(error: Exception) -> int | None:
-    """The system's number of an error, if it has one."""
+    """The system's error number (errno), if there is one."""
     return getattr(error, "error_code", None) or getattr(error, "errno", None)

@@ -1,6 +1,7 @@
-"""A bus of two ends in one thread: python-can's interface, frames handed over as they are.
+"""A bus with two ends in one thread, for lockstep: python-can's interface, frames passed on without a copy.
 
-For lockstep. python-can's virtual bus copies and filters each frame, which makes a run an eighth longer.
+python-can's virtual bus copies and filters each frame, which makes a run longer by an eighth. See
+docs/decisions/0007-lean-virtual-bus.md.
 """
 
 from __future__ import annotations
@@ -11,19 +12,19 @@ import can
 
 
 class PairEnd(can.BusABC):
-    """One end; what it sends, the other receives."""
+    """One end; the other end receives what it sends."""
 
     def __init__(self, inbox: deque[can.Message], outbox: deque[can.Message]) -> None:
         super().__init__(channel="pair")
         self._inbox, self._outbox = inbox, outbox
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Hand a frame over; it keeps its timestamp."""
+        """Pass a frame to the other end; it keeps its time stamp."""
         del timeout
         self._outbox.append(msg)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
-        """The oldest frame that waits, or None; never waits."""
+        """The oldest waiting frame, or None; never blocks."""
         del timeout
         if not self._inbox:
             return None
@@ -35,7 +36,7 @@ class PairEnd(can.BusABC):
         return self.recv(timeout), True
 
     def shutdown(self) -> None:
-        """Drop what waits."""
+        """Drop the waiting frames."""
         self._inbox.clear()
         super().shutdown()
 

@@ -1,7 +1,7 @@
-"""A byte line to a serial adapter, by pyserial: a device, or a TCP port as socket://HOST:PORT. It never blocks.
+"""A serial line to an adapter, opened by pyserial: a device, or a TCP port as socket://HOST:PORT. It never blocks.
 
-pyserial opens and configures the line. Bytes then go through its descriptor: pyserial's own write would try for ever
-once the line is full, timeout or not.
+pyserial opens and configures the line. Bytes are then read and written through its file descriptor, because pyserial's
+own write never returns when the line is full, whatever its timeout. See docs/decisions/0012-slcan-of-our-own.md.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ BAUD = 115_200
 
 
 class SerialLine:
-    """An open line. Raises OSError when it can't be opened, and once the other end is gone."""
+    """An open line. Raises OSError if it can't be opened, and when the other end has closed it."""
 
     def __init__(self, channel: str) -> None:
         """A device is /dev/ttyACM0, or /dev/ttyUSB0@57600 where its baud rate is not 115200."""
@@ -28,16 +28,16 @@ class SerialLine:
         try:
             self._port = serial.serial_for_url(url, baudrate=baud, timeout=0, exclusive=True)
         except (termios.error, ValueError) as error:
-            raise OSError(errno.EINVAL, f"is no serial line: {error}") from None
+            raise OSError(errno.EINVAL, f"not a serial line: {error}") from None
         try:
             self._fd: int = self._port.fileno()
         except (AttributeError, io.UnsupportedOperation):
-            raise OSError(errno.ENOTSUP, "has no descriptor: want a device or socket://HOST:PORT") from None
+            raise OSError(errno.ENOTSUP, "it has no file descriptor: use a device or socket://HOST:PORT") from None
         if url.startswith("socket://"):
             _send_at_once(self._fd)
 
     def read(self, timeout_s: float | None) -> bytes:
-        """What has come, at most READ_SIZE bytes; nothing after timeout_s (None: waits). Raises OSError."""
+        """Bytes that have arrived, at most READ_SIZE; b"" after timeout_s (None: no limit). Raises OSError."""
         self._require_open()
         if not select.select([self._fd], [], [], timeout_s)[0]:
             return b""
@@ -46,11 +46,11 @@ class SerialLine:
         except BlockingIOError:
             return b""
         if not data:
-            raise OSError(errno.ENODEV, "the other end of the line is gone")
+            raise OSError(errno.ENODEV, "the other end has closed the line")
         return data
 
     def write(self, data: bytes, timeout_s: float) -> int:
-        """How many bytes the line has taken within timeout_s, none when it is full. Raises OSError."""
+        """Write bytes; return how many the line accepted within timeout_s, 0 if it is full. Raises OSError."""
         self._require_open()
         if not select.select([], [self._fd], [], timeout_s)[1]:
             return 0
@@ -60,8 +60,8 @@ class SerialLine:
             return 0
 
     def close(self) -> None:
-        """Let go of it; what waits in it is the system's. Raises OSError."""
-        self._fd = -1  # another file may soon have its number
+        """Close the line; bytes still in it are left to the system. Raises OSError."""
+        self._fd = -1  # the system may give its number to another file
         self._port.close()
 
     def _require_open(self) -> None:
@@ -70,7 +70,7 @@ class SerialLine:
 
 
 def _send_at_once(fd: int) -> None:
-    """Switch Nagle's algorithm off: a command must not wait for the acknowledgement of the last one."""
+    """Switch Nagle's algorithm off: a command must not wait for the TCP acknowledgement of the one before."""
     connection = socket.socket(fileno=fd)
     try:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

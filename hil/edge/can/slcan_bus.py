@@ -1,7 +1,8 @@
-"""An slcan adapter as a python-can bus: a serial device or a TCP port, opened with its answers checked.
+"""An slcan adapter as a python-can bus: a serial device or a TCP port.
 
-Against python-can's own: no line can make it raise or stop it (`slcan_lines`); a refusal is counted; opening waits for
-the adapter's answers instead of two seconds; sending never blocks and leaves nothing behind to be sent later.
+Differences from python-can's own slcan bus: no line stops it or raises an error (`slcan_lines`); refused commands are
+counted; opening checks the adapter's answers instead of waiting for two seconds; sending never blocks, and a command
+that could not be sent is never sent later. See docs/decisions/0012-slcan-of-our-own.md.
 """
 
 from __future__ import annotations
@@ -19,32 +20,32 @@ from hil.edge.can.serial_line import SerialLine
 from hil.edge.can.slcan_lines import BIT_RATES, CR, LineReader, frame_line
 
 OPEN_TIMEOUT_S = 5.0
-"""How long an adapter may take to boot."""
+"""Time for an adapter to boot."""
 ANSWER_S = 0.3
-"""How long it may take to answer a command while it is opened."""
+"""Time to answer a command while it is opened."""
 QUIET_S = 0.05
-"""A line that has been quiet for so long has nothing more to say to what it was told."""
+"""After this time without bytes the answer to a command is complete."""
 SETTLE_S = 1.0
-"""An adapter that goes on talking after it was closed is asked again after this long."""
-MOST_REFUSALS = 3
+"""If an adapter still sends this long after it was closed, opening goes on."""
+MAX_REFUSALS = 3
 STALE_S = 0.25
-"""Commands that have gone unanswered for so long may still wait in the line, where nobody can take them back."""
-MOST_WAITING = 1000
-MOST_LATE_READS = 64
-"""Reads of a babbling line after the time is over: 64 kB."""
-SPOILT = b"!\r"
-"""Ends a line of which only a part could be written, so that no adapter takes it for whole."""
+"""A command without an answer for so long may still wait in the line, and can't be recalled: send no more."""
+MAX_WAITING_FRAMES = 1000
+MAX_LATE_READS = 64
+"""Reads of a line that never pauses, after the timeout: 64 kB."""
+CANCEL_LINE = b"!\r"
+"""Ends a line of which only a part could be written, so that the adapter rejects it."""
 
 
 class SlcanBus(can.BusABC):
-    """One adapter with its channel open. One thread uses it.
+    """One adapter with its channel open. To be used by one thread.
 
     channel : /dev/ttyACM0, /dev/ttyUSB0@57600, socket://127.0.0.1:29536; see `SerialLine`.
     bitrate : bit/s, one of BIT_RATES. can_filters : as python-can's.
 
     Raises ValueError for another bit rate, OSError and CanInitializationError when it can't be opened.
     is_answering : whether the adapter acknowledges commands; some never do.
-    dropped : commands that were not sent because the line was full or the adapter had stopped answering.
+    dropped : number of commands that were not sent because the line was full or the adapter no longer answered.
     """
 
     def __init__(
@@ -76,7 +77,7 @@ class SlcanBus(can.BusABC):
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """The next frame that passes the filters, or None after timeout seconds (None: waits).
 
-        Its timestamp is the wall clock's, as of python-can's own bus. Raises CanOperationError when the link is gone.
+        Its time stamp is the wall clock's, as in python-can's own bus. Raises CanOperationError if the link has failed.
         """
         deadline_s = None if timeout is None else time.monotonic() + timeout
         reads = 0
@@ -87,7 +88,7 @@ class SlcanBus(can.BusABC):
                     return frame
             left_s = None if deadline_s is None else max(deadline_s - time.monotonic(), 0.0)
             is_late = left_s == 0.0
-            if is_late and reads >= MOST_LATE_READS:
+            if is_late and reads >= MAX_LATE_READS:
                 return None
             if not self._take_in(left_s) and is_late:
                 return None
@@ -96,39 +97,39 @@ class SlcanBus(can.BusABC):
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Send a frame now, within timeout seconds, or not at all; None means 0.
 
-        Raises CanOperationError when the adapter takes no more (ENOBUFS) or is gone, ValueError for frames that slcan
-        has no words for.
+        Raises CanOperationError when the line is full (ENOBUFS) or the link has failed, ValueError for kinds of frames
+        that slcan does not have.
         """
         line = frame_line(msg)
         if self._is_stuck():
             self._drop(f"the adapter has not answered for {STALE_S:g} s")
-        data = SPOILT + line if self._is_cut else line
+        data = CANCEL_LINE + line if self._is_cut else line
         try:
             taken = self._line.write(data, timeout or 0.0)
         except OSError as error:
-            raise can.CanOperationError(f"no adapter: {error.strerror}", error.errno) from None
+            raise can.CanOperationError(f"the link to the adapter has failed: {error.strerror}", error.errno) from None
         if taken < len(data):
             self._is_cut = self._is_cut or taken > 0
-            self._drop("the adapter takes no more")
+            self._drop("the adapter accepts no more bytes")
         self._is_cut = False
         if self._unanswered_since_s is None:
             self._unanswered_since_s = time.monotonic()
 
     def shutdown(self) -> None:
-        """Close the channel, if the line takes it, and the line."""
+        """Close the channel, if the line accepts the command, and the line."""
         if self._is_shutdown:
             return
         super().shutdown()
         try:
-            with suppress(OSError):  # gone already
-                for command in (SPOILT, b"C\r") if self._is_cut else (b"C\r",):
+            with suppress(OSError):  # the link has failed
+                for command in (CANCEL_LINE, b"C\r") if self._is_cut else (b"C\r",):
                     self._line.write(command, 0.0)
         finally:
             self._line.close()
 
     @property
     def counts(self) -> dict[str, int]:
-        """Commands that the adapter has refused, commands that we dropped, lines that we rejected, by cause."""
+        """Numbers of commands refused by the adapter, commands dropped here, and lines rejected here by cause."""
         rejected = {f"rejected_{cause.value}": number for cause, number in sorted(self.lines.rejected.items())}
         return {"refused": self.lines.refused, "dropped": self.dropped, **rejected}
 
@@ -138,11 +139,11 @@ class SlcanBus(can.BusABC):
         return bool(self.lines.refused or self.dropped or self.lines.rejected)
 
     def _take_in(self, timeout_s: float | None) -> bool:
-        """Read what waits, or comes within timeout_s; whether there was anything."""
+        """Read waiting bytes, or those that arrive within timeout_s; return whether there were any."""
         try:
             data = self._line.read(timeout_s)
         except OSError as error:
-            raise can.CanOperationError(f"no adapter: {error.strerror}", error.errno) from None
+            raise can.CanOperationError(f"the link to the adapter has failed: {error.strerror}", error.errno) from None
         if not data:
             return False
         answers = self.lines.done + self.lines.refused
@@ -153,11 +154,11 @@ class SlcanBus(can.BusABC):
         return True
 
     def _is_stuck(self) -> bool:
-        """Whether an adapter that answers has stopped to: what it is sent now would only wait in the line."""
+        """Whether an adapter that used to answer no longer does: a new command would only wait in the line."""
         if not self._answers_sends or not self._has_waited():
             return False
-        while len(self._frames) < MOST_WAITING and self._has_waited() and self._take_in(0.0):
-            pass  # the answer may have come unread
+        while len(self._frames) < MAX_WAITING_FRAMES and self._has_waited() and self._take_in(0.0):
+            pass  # the answer may have arrived but not been read yet
         return self._has_waited()
 
     def _has_waited(self) -> bool:
@@ -169,7 +170,7 @@ class SlcanBus(can.BusABC):
         raise can.CanOperationError(why, errno.ENOBUFS)
 
     def _open_channel(self, bit_rate: bytes, timeout_s: float) -> None:
-        """Bring the adapter to its bit rate and open it, whatever state it was in. Raises CanInitializationError."""
+        """Set the bit rate and open the channel, from any state of the adapter. Raises CanInitializationError."""
         give_up_s = time.monotonic() + timeout_s
         refusals = 0
         for attempt in count():
@@ -178,35 +179,35 @@ class SlcanBus(can.BusABC):
                 break
             except can.CanInitializationError as error:
                 refusals += isinstance(error, _RefusedError)
-                if refusals >= MOST_REFUSALS or time.monotonic() >= give_up_s:
+                if refusals >= MAX_REFUSALS or time.monotonic() >= give_up_s:
                     raise
         self.lines.reset_counts()
 
     def _try_to_open(self, bit_rate: bytes, *, is_first: bool) -> None:
-        """Close it, set its bit rate, open it. It may be booting, open or listening already, or hold half a command.
+        """Close the channel, set the bit rate, open it. It may be booting, open, or hold part of a command.
 
-        Each command is a write of its own, sent once the one before it is answered or has had time to be: some
-        adapters obey only the first command of a write, and a killed program may have left them open.
+        Each command is written by itself, after the answer to the one before it or a short wait: some adapters obey
+        only the first command of a write, and a killed program may have left the channel open.
         """
         self.lines.reset_counts()
         for command in (CR, b"C\r"):
-            self._say(command)
+            self._write(command)
             self._await_answer(QUIET_S)
-        self._say(b"V\r")
+        self._write(b"V\r")
         self._settle()
         self._frames.clear()
         self.is_answering = self.lines.done + self.lines.refused > 0
         if not self.is_answering and self.lines.texts == 0:
             raise can.CanInitializationError("the adapter does not answer")
-        if not self.is_answering and is_first:  # perhaps this is what it says while it boots
-            raise can.CanInitializationError("the adapter says something, but answers nothing")
-        self._tell(bit_rate)
-        self._tell(b"O")
+        if not self.is_answering and is_first:  # perhaps a message of its boot loader
+            raise can.CanInitializationError("the adapter sends text, but acknowledges no command")
+        self._command(bit_rate)
+        self._command(b"O")
 
-    def _tell(self, command: bytes) -> None:
-        """One command and its answer."""
+    def _command(self, command: bytes) -> None:
+        """Send one command and check its answer."""
         refused = self.lines.refused
-        self._say(command + CR)
+        self._write(command + CR)
         has_answered = self._await_answer(ANSWER_S if self.is_answering else QUIET_S)
         if self.lines.refused > refused:
             raise _RefusedError(f"the adapter refuses {command.decode()}")
@@ -223,12 +224,12 @@ class SlcanBus(can.BusABC):
                 return True
         return False
 
-    def _say(self, data: bytes) -> None:
+    def _write(self, data: bytes) -> None:
         if self._line.write(data, ANSWER_S) < len(data):
-            raise can.CanInitializationError("the adapter takes no commands")
+            raise can.CanInitializationError("the adapter accepts no commands")
 
     def _settle(self) -> None:
-        """Take in what it has to say until it says no more."""
+        """Read until the line is quiet."""
         end_s = time.monotonic() + SETTLE_S
         wait_s = ANSWER_S
         while time.monotonic() < end_s and self._take_in(wait_s):
@@ -236,4 +237,4 @@ class SlcanBus(can.BusABC):
 
 
 class _RefusedError(can.CanInitializationError):
-    """A command of the opening that was answered with BELL."""
+    """The adapter answered a command of the opening with BELL."""

@@ -1,13 +1,14 @@
-"""The lines of slcan, Lawicel's protocol of serial CAN adapters: bytes in, frames and counted refusals out. No I/O.
+"""The lines of slcan, Lawicel's protocol for serial CAN adapters: bytes in, frames and counts out. No I/O.
 
 An adapter sends, each line ended by CR, LF or CR LF (the protocol says CR; firmware differs):
     tiiildd..  Tiiiiiiiildd..    a data frame: identifier of 11 or 29 bits, length 0..8, two hex digits a byte
     riiil      Riiiiiiiil        a remote frame
-    nothing, z, Z                done: the answer to a command
-    V..  v..  N..  F..           what it was asked for
-and BELL, which also ends a line, for a command that it refuses. Four more digits behind a frame are its time stamp.
+    nothing, z, Z                the acknowledgement of a command
+    V..  v..  N..  F..           the answer to a question
+and BELL, which also ends a line, for a command that it refuses. Four more digits after a frame are its time stamp.
 
-Nothing that comes in raises, and at most LONGEST_LINE bytes are kept, however the stream is cut.
+No input raises an error, and at most MAX_LINE_BYTES bytes are kept, whatever pieces the stream arrives in.
+See docs/decisions/0012-slcan-of-our-own.md.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import can
 CR = b"\r"
 LF = b"\n"
 BELL = b"\a"
-LONGEST_LINE = 1024
+MAX_LINE_BYTES = 1024
 BIT_RATES = {
     10_000: b"S0",
     20_000: b"S1",
@@ -34,7 +35,7 @@ BIT_RATES = {
     800_000: b"S7",
     1_000_000: b"S8",
 }
-"""bit/s -> the command that sets it."""
+"""Bit rate in bit/s -> the command that sets it."""
 
 _STAMP_DIGITS = 4
 _HEX = rb"[0-9A-Fa-f]"
@@ -45,22 +46,22 @@ _PRINTABLE = re.compile(rb"[ -~]*")
 
 
 class Reject(StrEnum):
-    """Why a line was dropped."""
+    """Why a line was rejected."""
 
-    GARBLED = "garbled"  # bytes that no line has, or a line cut off by BELL
-    ENDLESS = "endless"  # longer than LONGEST_LINE
+    GARBLED = "garbled"  # not printable, or interrupted by BELL
+    ENDLESS = "endless"  # longer than MAX_LINE_BYTES
     UNKNOWN = "unknown"  # neither a frame nor an answer
-    IDENTIFIER = "identifier"  # no number, or beyond 11 or 29 bits
-    LENGTH = "length"  # no number, or beyond 8
-    PAYLOAD = "payload"  # shorter or longer than its length, or no hex digits
+    IDENTIFIER = "identifier"  # not a number, or more than 11 or 29 bits
+    LENGTH = "length"  # not a number, or above 8
+    PAYLOAD = "payload"  # shorter or longer than its length, or not hex digits
     FD = "fd"  # a CAN FD frame
 
 
 class LineReader:
-    """Takes what an adapter says, cut anywhere.
+    """Reads the bytes that an adapter sends, in pieces of any size.
 
-    done, refused : how many commands it has acknowledged (CR) and refused (BELL) so far. texts : other lines that
-    can be read. rejected : dropped lines, by cause; those that can be read are texts as well.
+    done, refused : numbers of commands that it has acknowledged (CR) and refused (BELL). texts : number of other
+    readable lines. rejected : numbers of rejected lines, by cause; readable ones also count as texts.
     """
 
     def __init__(self) -> None:
@@ -79,11 +80,11 @@ class LineReader:
 
     @property
     def kept(self) -> int:
-        """Bytes of the line that has not ended yet."""
+        """Number of bytes kept of the line that has not ended yet."""
         return len(self._rest)
 
     def feed(self, data: bytes, timestamp_s: float = 0.0) -> list[can.Message]:
-        """The frames that `data` completes. Never raises."""
+        """The frames whose lines end in `data`. Never raises."""
         frames: list[can.Message] = []
         *lines, rest = (self._rest + self._with_cr_ends(data)).split(CR)
         for line in lines:
@@ -91,7 +92,7 @@ class LineReader:
             if frame is not None:
                 frames.append(frame)
         rest = self._after_refusals(rest)
-        if len(rest) > LONGEST_LINE and not self._is_endless:
+        if len(rest) > MAX_LINE_BYTES and not self._is_endless:
             self.rejected[Reject.ENDLESS] += 1
             self._is_endless = True
         self._rest = b"" if self._is_endless else rest
@@ -108,20 +109,20 @@ class LineReader:
         return data[1 if is_rest_of_end else 0 :].replace(CR + LF, CR).replace(LF, CR)
 
     def _after_refusals(self, line: bytes) -> bytes:
-        """What comes after the last BELL; anything between two of them is no line of its own."""
+        """The part after the last BELL. Count each BELL as a refusal, and what it interrupts as rejected."""
         if BELL not in line:
             return line
         *cut_off, line = line.split(BELL)
         for piece in cut_off:
             self.refused += 1
             if piece and not self._is_endless:
-                self.rejected[Reject.ENDLESS if len(piece) > LONGEST_LINE else Reject.GARBLED] += 1
+                self.rejected[Reject.ENDLESS if len(piece) > MAX_LINE_BYTES else Reject.GARBLED] += 1
             self._is_endless = False
         return line
 
     def _end(self, line: bytes, timestamp_s: float) -> can.Message | None:
-        """A line that CR has ended: the frame, or None with the line counted as what it was."""
-        if self._is_endless:  # counted when it became so
+        """A complete line: its frame, or None; then the line is counted."""
+        if self._is_endless:  # has been counted
             self._is_endless = False
             return None
         if line in (b"", b"z", b"Z"):
@@ -141,7 +142,7 @@ class LineReader:
 
 
 def parse_frame(line: bytes, timestamp_s: float = 0.0) -> can.Message | None:
-    """A frame's line without its CR; None if anything about it is wrong."""
+    """The frame of a line without its CR; None if any part of the line is wrong."""
     match = _FRAME.fullmatch(line)
     if match is None:
         return None
@@ -162,7 +163,7 @@ def parse_frame(line: bytes, timestamp_s: float = 0.0) -> can.Message | None:
 
 
 def frame_line(frame: can.Message) -> bytes:
-    """The command that sends a frame. Raises ValueError for what the protocol has no words for."""
+    """The command that sends a frame. Raises ValueError for kinds of frames that slcan does not have."""
     if frame.is_fd or frame.is_error_frame:
         raise ValueError("slcan has neither CAN FD nor error frames")
     kind, width = ("t", 3) if not frame.is_extended_id else ("T", 8)
@@ -172,9 +173,9 @@ def frame_line(frame: can.Message) -> bytes:
 
 
 def _cause(line: bytes) -> Reject | None:
-    """Why a line is no frame; None for what the adapter was asked for."""
+    """Why a line is not a frame; None for the answer to a question."""
     kind = line[:1]
-    if len(line) > LONGEST_LINE:
+    if len(line) > MAX_LINE_BYTES:
         return Reject.ENDLESS
     if _PRINTABLE.fullmatch(line) is None:
         return Reject.GARBLED

@@ -1,11 +1,11 @@
-"""The kernel's CAN interfaces, by python-can, with what a controller needs beyond.
+"""The kernel's CAN interfaces, by python-can, with three checks that a controller needs in addition.
 
 - An interface that is missing, down, bus-off or of another bit rate is refused before anything is sent.
-- A command is refused while the one before it still waits in the kernel: at most that one can ever be late.
-- The kernel says by rtnetlink when the link goes; every send looks, which costs a system call that finds nothing.
+- A command is refused while the one before it still waits in the kernel, so that at most one command can be late.
+- The kernel reports by rtnetlink when the link fails; each send checks this with one system call.
 
-python-can itself asks for error frames and kernel stamps, has the kernel filter, and leaves out our own frames and the
-CAN FD frames of others.
+python-can requests error frames and the kernel's time stamps, lets the kernel filter, and leaves out frames of this
+program and CAN FD frames. See docs/decisions/0013-socketcan.md.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from pyroute2.netlink.rtnl import RTM_DELLINK, RTMGRP_LINK
 from pyroute2.netlink.rtnl.ifinfmsg import IFF_LOWER_UP, IFF_UP, ifinfmsg
 
 SO_MEMINFO = 55
-"""asm-generic/socket.h; the kernel answers with u32 of linux/sock_diag.h, of which the third is `WMEM_ALLOC`."""
+"""asm-generic/socket.h; the kernel answers with u32 values (linux/sock_diag.h), the third is `WMEM_ALLOC`."""
 MEMINFO = struct.Struct("3I")
-LARGEST_NETLINK_MESSAGE = 1 << 16
-QUEUE_PATIENCE_S = 0.002
-"""How long a command waits for the one before it, which a driver may take up in a thread of its own."""
+MAX_NETLINK_BYTES = 1 << 16
+QUEUE_WAIT_S = 0.002
+"""How long a command waits for the one before it: some drivers send in a thread of their own."""
 CAN_KINDS = frozenset({"can", "vcan", "vxcan"})
 
 
 class LinkError(OSError):
-    """An interface that can't be used as it is; the message says what to do."""
+    """An interface that can't be used in its present state; the message says what to do."""
 
     def __str__(self) -> str:
         """Return the message without the system's number."""
@@ -43,10 +43,10 @@ class LinkError(OSError):
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """What the kernel knows of a CAN interface.
+    """State of a CAN interface in the kernel.
 
-    kind : can, vcan... bitrate : bit/s, None when it has none (vcan). restart_ms : after how long the kernel restarts a
-    controller that is bus-off, 0 for never. state : ERROR_ACTIVE, ERROR_WARNING, ERROR_PASSIVE, BUS_OFF..., "" unknown.
+    kind : can, vcan... bitrate : bit/s; None if it has none (vcan). restart_ms : time after which the kernel restarts a
+    controller that is bus-off; 0 for never. state : ERROR_ACTIVE, ERROR_WARNING, ERROR_PASSIVE, BUS_OFF...; or "".
     """
 
     name: str
@@ -60,7 +60,7 @@ class Link:
 
     @classmethod
     def read(cls, name: str) -> Link:
-        """Ask the kernel. Raises LinkError when there is no such interface."""
+        """Ask the kernel. Raises LinkError if there is no such interface."""
         try:
             with IPRoute() as route:
                 (answer,) = route.link("get", ifname=name)
@@ -70,7 +70,7 @@ class Link:
 
     @classmethod
     def of(cls, name: str, answer: Any) -> Link:
-        """From a message of rtnetlink."""
+        """From an rtnetlink message."""
 
         def detail(*keys: str) -> Any:
             return answer.get(("linkinfo", "data", *keys))
@@ -88,10 +88,10 @@ class Link:
         )
 
     def require(self, bitrate: int) -> None:
-        """Raise LinkError when no run may begin on it. bitrate : bit/s, checked where the kernel knows it."""
+        """Raise LinkError if no run may begin on it. bitrate : bit/s, checked if the kernel knows it."""
         bring_up = f"ip link set {self.name} up" + (f" type can bitrate {bitrate}" if self.kind == "can" else "")
         if self.kind not in CAN_KINDS:
-            raise LinkError(errno.EINVAL, f"{self.name} is no CAN interface")
+            raise LinkError(errno.EINVAL, f"{self.name} is not a CAN interface")
         if not self.is_up:
             raise LinkError(errno.ENETDOWN, f"{self.name} is down; as root: {bring_up}")
         if self.bitrate not in (None, bitrate):
@@ -99,29 +99,29 @@ class Link:
             raise LinkError(errno.EINVAL, f"{self.name} runs at {self.bitrate} bit/s; as root: {reset}")
         if self.state == "BUS_OFF":
             restart = f"ip link set {self.name} type can restart"
-            raise LinkError(errno.ENETDOWN, f"{self.name} is bus-off; mend the bus, then as root: {restart}")
+            raise LinkError(errno.ENETDOWN, f"{self.name} is bus-off; fix the bus, then as root: {restart}")
 
     def warnings(self) -> tuple[str, ...]:
-        """What a run may begin with, and the user should know."""
-        said = []
+        """States in which a run may begin, but that the user should know."""
+        texts = []
         if self.restart_ms:
-            mend = f"ip link set {self.name} down; ip link set {self.name} type can restart-ms 0"
-            said.append(
-                f"{self.name}: the kernel restarts a controller that is bus-off after {self.restart_ms} ms by itself "
-                f"(restart-ms); as root: {mend}"
+            fix = f"ip link set {self.name} down; ip link set {self.name} type can restart-ms 0"
+            texts.append(
+                f"{self.name}: the kernel restarts a bus-off controller automatically after {self.restart_ms} ms "
+                f"(restart-ms); as root: {fix}"
             )
         if self.state in ("ERROR_WARNING", "ERROR_PASSIVE"):
-            said.append(
+            texts.append(
                 f"{self.name}: the CAN controller is {self.state.replace('_', '-').lower()} before anything is sent"
             )
-        return tuple(said)
+        return tuple(texts)
 
 
 class LinkWatch:
-    """Hears from the kernel when an interface goes: taken down, bus-off, unplugged. Looking costs a system call."""
+    """Receives from the kernel that an interface fails: taken down, bus-off, unplugged. A check is one system call."""
 
     def __init__(self, name: str) -> None:
-        """Listen, then ask how things stand, so that nothing is missed. Raises LinkError, there being no such link."""
+        """Subscribe first, then read the state, so that no change is missed. Raises LinkError if there is none."""
         self._socket = socket.socket(
             socket.AF_NETLINK, socket.SOCK_RAW | socket.SOCK_NONBLOCK | socket.SOCK_CLOEXEC, socket.NETLINK_ROUTE
         )
@@ -133,17 +133,17 @@ class LinkWatch:
             self._socket.close()
             raise
 
-    def look(self) -> str:
-        """Why the link has failed since it was opened; "" when it has not."""
+    def check(self) -> str:
+        """Why the link has failed since it was opened; "" if it has not."""
         while not self.failure:
             try:
-                data = self._socket.recv(LARGEST_NETLINK_MESSAGE)
+                data = self._socket.recv(MAX_NETLINK_BYTES)
             except BlockingIOError:
                 break
-            except OSError as error:  # ENOBUFS: the kernel had more to say than we took in
+            except OSError as error:  # ENOBUFS: messages of the kernel were lost
                 if error.errno != errno.ENOBUFS:
                     raise
-                self.failure = self._ask()
+                self.failure = self._read_again()
                 continue
             message = ifinfmsg(data)
             message.decode()
@@ -152,10 +152,10 @@ class LinkWatch:
         return self.failure
 
     def close(self) -> None:
-        """Let go of the socket."""
+        """Close the socket."""
         self._socket.close()
 
-    def _ask(self) -> str:
+    def _read_again(self) -> str:
         try:
             return self._fault(Link.read(self.link.name))
         except LinkError as error:
@@ -163,12 +163,12 @@ class LinkWatch:
 
     def _judge(self, message: Any) -> str:
         if message["header"]["type"] == RTM_DELLINK:
-            return f"{self.link.name} is gone"
+            return f"{self.link.name} was removed"
         return self._fault(Link.of(self.link.name, message))
 
     def _fault(self, link: Link) -> str:
         if link.index != self.link.index:
-            return f"{link.name} is another interface now"
+            return f"{link.name} was replaced by another interface"
         if not link.is_up:
             return f"{link.name} was taken down"
         if not link.has_carrier:
@@ -177,15 +177,15 @@ class LinkWatch:
 
 
 class SocketCan(SocketcanBus):
-    """One interface. Raises LinkError and OSError at the start, can.CanError and OSError later.
+    """One interface. Raises LinkError and OSError when it is opened, can.CanError and OSError later.
 
-    has_arrival_stamps : messages bear the wall-clock time at which the kernel took them in.
+    has_arrival_stamps : messages have the wall-clock time at which the kernel received them.
     """
 
     has_arrival_stamps = True
 
     def __init__(self, channel: str, bitrate: int, filters: CanFilters) -> None:
-        create_socket().close()  # a kernel without AF_CAN says so, rather than that it lacks an interface
+        create_socket().close()  # reports a kernel without AF_CAN before a missing interface
         self._watch = LinkWatch(channel)
         self.warnings = self._watch.link.warnings()
         try:
@@ -198,7 +198,7 @@ class SocketCan(SocketcanBus):
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """The next frame that passes the filters, or None after timeout seconds (None: waits).
 
-        python-can's own counts them on the wall clock, and would wait for the hour by which that is set back.
+        python-can's own method uses the wall clock, and would wait an hour longer when that is set back by an hour.
         """
         end_s = None if timeout is None else time.monotonic() + timeout
         left_s = timeout
@@ -212,13 +212,13 @@ class SocketCan(SocketcanBus):
                     return None
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send now or not at all: the link must be there and our last frame out of the kernel's queue."""
+        """Send now or not at all. The link must be up, and the frame before must have left the kernel's queue."""
         del timeout
-        failure = self._watch.look()
+        failure = self._watch.check()
         if failure:
             raise LinkError(errno.ENETDOWN, failure)
         if self._queued_bytes():
-            time.sleep(QUEUE_PATIENCE_S)
+            time.sleep(QUEUE_WAIT_S)
         if self._queued_bytes():
             raise OSError(errno.ENOBUFS, "the last command still waits in the kernel")
         super().send(msg, timeout=0)
@@ -229,6 +229,6 @@ class SocketCan(SocketcanBus):
         super().shutdown()
 
     def _queued_bytes(self) -> int:
-        """What of ours no driver has taken yet."""
+        """Bytes of this socket that no driver has accepted yet."""
         *_, waiting = MEMINFO.unpack(self.socket.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, MEMINFO.size))
         return int(waiting)
