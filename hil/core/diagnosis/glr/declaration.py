@@ -6,9 +6,10 @@ from dataclasses import replace
 from math import nan, sqrt
 
 from hil.core.diagnosis.glr import inflow_check
+from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE
 from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, PUMPS, SPLITS
-from hil.core.diagnosis.glr.memory import Declared, Lost, Memory, Probation, Setup, Suspicion
-from hil.core.diagnosis.glr.process import BIAS, DRIFT, GAIN, LAG, LEAK, OUTLET, PUMP, SPLIT, Array
+from hil.core.diagnosis.glr.memory import Declared, DetectorConfig, Lost, Memory, Probation, Suspicion
+from hil.core.diagnosis.glr.model import BIAS, DRIFT, GAIN, LAG, LEAK, OUTLET, PUMP, SPLIT, Array
 from hil.core.types import UNRESOLVED, Alarm, Pair
 
 STUCK_MOVED = 0.15
@@ -28,7 +29,7 @@ RECOVERED_PUMP = 0.03
 """A pump is back when its effectiveness is this close to 1."""
 
 
-def declare(setup: Setup, m: Memory, j: int, before: Array, onset: int, suspicion: Suspicion) -> Alarm:
+def declare(config: DetectorConfig, m: Memory, j: int, before: Array, onset: int, suspicion: Suspicion) -> Alarm:
     """Note that state j of JUMPS has jumped, from what it was before to what the filter now says; the alarm."""
     jump = JUMPS[j]
     now, std = float(m.x[jump.state]), sqrt(max(m.P[jump.state, jump.state], 0.0))
@@ -38,9 +39,9 @@ def declare(setup: Setup, m: Memory, j: int, before: Array, onset: int, suspicio
     kind = known.kind if known else (jump.rises if total > 0.0 else jump.falls)
     least = RECOVERED_PUMP if jump.state < SPLIT else jump.fall[0]
     is_recovery = known is not None and abs(total) < max(RECOVERED_STDS * std, least)
-    shown, unit = _shown(setup, m, j, sound)
+    shown, unit = _shown(config, m, j, sound)
     onset_s = m.time_of(onset)
-    number, detected_s = _number(setup, m, known, suspicion, is_recovery=is_recovery)
+    number, detected_s = _number(config, m, known, suspicion, is_recovery=is_recovery)
     if is_recovery:
         del m.declared[j]
         if jump.state >= LEAK:
@@ -51,7 +52,7 @@ def declare(setup: Setup, m: Memory, j: int, before: Array, onset: int, suspicio
         _give_up(m, jump.target - 1, kind, number)
     if j in PUMPS:
         is_loss = not is_recovery and kind == "pump_effectiveness"
-        m.probation = _probation(setup, m, j, number, detected_s, onset_s) if is_loss else None
+        m.probation = _probation(config, m, j, number, detected_s, onset_s) if is_loss else None
     return Alarm(
         suspicion.detected_s if is_recovery else detected_s,
         kind,
@@ -67,10 +68,10 @@ def declare(setup: Setup, m: Memory, j: int, before: Array, onset: int, suspicio
 
 
 def _number(
-    setup: Setup, m: Memory, known: Declared | None, suspicion: Suspicion, *, is_recovery: bool
+    config: DetectorConfig, m: Memory, known: Declared | None, suspicion: Suspicion, *, is_recovery: bool
 ) -> tuple[int, float]:
     """Number and time of the alarm: those of the fault that is over, or is only told better, or else new ones."""
-    if known is not None and (is_recovery or m.t_s - known.declared_s < setup.tuning.sharpen_s):
+    if known is not None and (is_recovery or m.t_s - known.declared_s < config.tuning.sharpen_s):
         return known.number, known.detected_s
     number, taken = suspicion.number, {fault.number for fault in m.declared.values()}
     if number is None or number in taken:
@@ -86,8 +87,8 @@ def unresolved(m: Memory, suspicion: Suspicion, numbers: list[int]) -> Alarm:
         for j in PUMPS if number == BOTH else (number,):
             state = JUMPS[j].state
             size = m.replays.x[number, state] - m.replays.before[number, state]
-            if m.slot[number] >= 0 and m.ratio[number] > 0.0:
-                size = m.bank.match[j, m.slot[number]]
+            if m.best.slot[number] >= 0 and m.best.ratio[number] > 0.0:
+                size = m.bank.match[j, m.best.slot[number]]
             kind = JUMPS[j].rises if size > 0.0 else JUMPS[j].falls
             if kind:
                 names[f"{kind} {JUMPS[j].target}"] = None
@@ -107,7 +108,7 @@ def effectiveness(m: Memory) -> Pair:
     return left[0], left[1]
 
 
-def watch_probation(setup: Setup, m: Memory, log_likelihood: float, stuck_likelihood: float) -> list[Alarm]:
+def watch_probation(config: DetectorConfig, m: Memory, log_likelihood: float, stuck_likelihood: float) -> list[Alarm]:
     """Whether the pump that seemed to have lost gain is stuck instead: its flow does not follow its voltage."""
     p = m.probation
     if p is None:
@@ -115,8 +116,8 @@ def watch_probation(setup: Setup, m: Memory, log_likelihood: float, stuck_likeli
     p.evidence += stuck_likelihood - log_likelihood
     if m.t_s > p.until_s:
         m.probation = None
-    moved = abs(float(m.entry[p.pump]) - p.voltage_V) / p.voltage_V
-    if p.evidence < setup.tuning.detect or moved < STUCK_MOVED:
+    moved = abs(float(m.entry[VOLTAGE + p.pump]) - p.voltage_V) / p.voltage_V
+    if p.evidence < config.tuning.detect or moved < STUCK_MOVED:
         return []
     m.probation = None
     fault = m.declared[p.pump]
@@ -131,12 +132,12 @@ def watch_unproven(m: Memory) -> None:
     if m.unproven is None:
         return
     pump, driven_s = m.unproven
-    if m.entry[pump] >= IDLE_V and m.suspicion is None:
-        driven_s += float(m.entry[10])
+    if m.entry[VOLTAGE + pump] >= IDLE_V and m.suspicion is None:
+        driven_s += float(m.entry[PERIOD])
     m.unproven = None if driven_s >= PROVEN_S or PUMPS[1 - pump] not in m.declared else (pump, driven_s)
 
 
-def unproven(setup: Setup, m: Memory) -> tuple[bool, bool]:
+def unproven(config: DetectorConfig, m: Memory) -> tuple[bool, bool]:
     """(2,) pumps that may give no water.
 
     One that stood still, one that is dead if the likeliest suspicion is true, one whose upper tank gets nothing of it.
@@ -147,7 +148,7 @@ def unproven(setup: Setup, m: Memory) -> tuple[bool, bool]:
             left = float(m.replays.x[m.suspicion.leader, GAIN + pump])
             doubts[pump] |= pump in m.declared and left < PROVEN_SHARE * m.declared[pump].sound
     for pump in PUMPS:
-        doubts[pump] |= PUMPS[1 - pump] in m.declared and inflow_check.is_missing(setup, m, pump)
+        doubts[pump] |= PUMPS[1 - pump] in m.declared and inflow_check.is_missing(config, m, pump)
     return doubts[0], doubts[1]
 
 
@@ -166,16 +167,16 @@ def is_blind(m: Memory) -> bool:
     return False
 
 
-def _shown(setup: Setup, m: Memory, j: int, sound: float) -> tuple[float, float]:
+def _shown(config: DetectorConfig, m: Memory, j: int, sound: float) -> tuple[float, float]:
     """The size as a scenario would give it, and its unit in units of the state."""
     jump = JUMPS[j]
-    now, c = float(m.x[jump.state]), setup.c
+    now, model = float(m.x[jump.state]), config.model
     if jump.state < SPLIT:
         stuck = m.declared[j].kind == "pump_stuck_on" if j in m.declared else now > sound
         unit = (float(m.x[PUMP + jump.target - 1]) if stuck else 1.0) / sound
         return now * unit, unit
     if jump.state < OUTLET:
-        unit = float(c[10 + jump.target - 1] if jump.state < LAG else c[12])
+        unit = float(model.valve_split[jump.target - 1] if jump.state < LAG else model.lag_s)
         return now * unit, unit
     if jump.state < LEAK:
         return abs(now - sound) / sound, 1.0 / sound
@@ -203,10 +204,12 @@ def _give_up(m: Memory, sensor: int, kind: str, number: int) -> None:
         del m.declared[j]
 
 
-def _probation(setup: Setup, m: Memory, pump: int, number: int, detected_s: float, onset_s: float) -> Probation:
+def _probation(
+    config: DetectorConfig, m: Memory, pump: int, number: int, detected_s: float, onset_s: float
+) -> Probation:
     x = m.x.copy()
-    voltage_V = max(float(m.entry[pump]), 0.1)
+    voltage_V = max(float(m.entry[VOLTAGE + pump]), 0.1)
     x[GAIN + pump] *= float(x[PUMP + pump]) / voltage_V
     x[PUMP + pump] = voltage_V
-    until_s = m.t_s + setup.tuning.probation_s
+    until_s = m.t_s + config.tuning.probation_s
     return Probation(pump, number, detected_s, onset_s, until_s, voltage_V, x, m.P.copy())

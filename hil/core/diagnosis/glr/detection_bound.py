@@ -13,10 +13,11 @@ from math import log
 
 import numpy as np
 
-from hil.core.diagnosis.glr import bank, process
+from hil.core.diagnosis.glr import kernels
+from hil.core.diagnosis.glr.filter import VOLTAGE
 from hil.core.diagnosis.glr.hypotheses import JUMPS, PUMPS
-from hil.core.diagnosis.glr.memory import Memory, Setup
-from hil.core.diagnosis.glr.process import GAIN, LEAK, LEVEL, PUMP, Array
+from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
+from hil.core.diagnosis.glr.model import GAIN, LEAK, LEVEL, PUMP, Array
 from hil.core.diagnosis.glr.tuning import Tuning
 from hil.core.tanks import TankModel, equilibrium
 from hil.core.types import Measurement, Pair, Quad
@@ -62,20 +63,20 @@ def detection_bound_s(
     """
     if not jumps or (len(jumps) > 1 and set(jumps) != set(PUMPS)):
         return None
-    setup = Setup.of(model, lag_s, noise_V, Tuning())
+    config = DetectorConfig.of(model, lag_s, noise_V, Tuning())
     k, levels = model.level_gain_V_cm, equilibrium(model, operating_V)
     h1, h2, h3, h4 = levels
-    m = Memory.begin(setup, 0.0, Measurement((k * h1, k * h2, k * h3, k * h4), ALL, 0.0, 1), (0.0, 0.0))
+    m = Memory.begin(config, 0.0, Measurement((k * h1, k * h2, k * h3, k * h4), ALL, 0.0, 1), (0.0, 0.0))
     entry = np.array([*operating_V, *(k * h for h in levels), *(noise_V**2,) * 4, reading_s, 1.0])
     for _ in range(round(LEARNING_S / reading_s)):
-        _quiet_step(setup, m, entry, levels)
+        _quiet_step(config, m, entry, levels)
     m.restart_bank()
     slot = int((m.bank.onset >= 0).argmax())
     wanted = log(DAY_S / period_s)
     for number in range(1, round(LONGEST_S / reading_s) + 1):
-        _quiet_step(setup, m, entry, levels)
+        _quiet_step(config, m, entry, levels)
         b = m.bank
-        bank.advance(setup.c[13], entry, m.A, m.K, m.white, m.innovation, b.effect, b.energy, b.match, b.cross)
+        kernels.advance_bank(config.model.level_gain_V_cm, entry, m.result, b)
         gathered = 0.5 * sum(size * size * float(b.energy[j, slot]) for j, size in jumps.items())
         if len(jumps) > 1:
             gathered += jumps[PUMPS[0]] * jumps[PUMPS[1]] * float(b.cross[slot])
@@ -84,9 +85,9 @@ def detection_bound_s(
     return None
 
 
-def _quiet_step(setup: Setup, m: Memory, entry: Array, level_cm: Quad) -> None:
+def _quiet_step(config: DetectorConfig, m: Memory, entry: Array, level_cm: Quad) -> None:
     """One step of the filter on readings that are just what it expects: only its covariance moves."""
     m.x[LEVEL : LEVEL + 4] = level_cm
-    m.x[PUMP : PUMP + 2] = entry[0:2]
+    m.x[PUMP : PUMP + 2] = entry[VOLTAGE : VOLTAGE + 2]
     m.x[GAIN:LEAK] = 1.0
-    process.step(setup.c, setup.walk, m.x, m.P, entry, m.A, m.K, m.white, m.innovation)
+    kernels.filter_step(config.model, m.x, m.P, entry, m.result)

@@ -8,15 +8,16 @@ So both filters go on with its readings, and the verdict is turned round when th
 from __future__ import annotations
 
 from hil.core.diagnosis.glr import declaration
+from hil.core.diagnosis.glr.filter import READING
 from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS
-from hil.core.diagnosis.glr.memory import Memory, Rival, Setup, Suspicion
-from hil.core.diagnosis.glr.process import BIAS, DRIFT, OUTLET
+from hil.core.diagnosis.glr.memory import DetectorConfig, Memory, Rival, Suspicion
+from hil.core.diagnosis.glr.model import BIAS, DRIFT, OUTLET
 from hil.core.types import Alarm, Measurement
 
 
-def rival_of(setup: Setup, m: Memory, winner: int, order: list[int], suspicion: Suspicion) -> Rival | None:
+def rival_of(config: DetectorConfig, m: Memory, winner: int, order: list[int], suspicion: Suspicion) -> Rival | None:
     """The likeliest leak or blockage beside a drift that has just been declared, if any comes near."""
-    r, tuning = m.replays, setup.tuning
+    r, tuning = m.replays, config.tuning
     if winner == BOTH or JUMPS[winner].state < DRIFT:
         return None
     near = r.evidence >= r.evidence[winner] - tuning.drop_margin
@@ -38,7 +39,7 @@ def rival_of(setup: Setup, m: Memory, winner: int, order: list[int], suspicion: 
     return None
 
 
-def step(setup: Setup, m: Memory, measurement: Measurement) -> list[Alarm]:
+def step(config: DetectorConfig, m: Memory, measurement: Measurement) -> list[Alarm]:
     """One step of both filters; the alarm that turns the verdict round."""
     rival = m.rival
     if rival is None:
@@ -49,23 +50,23 @@ def step(setup: Setup, m: Memory, measurement: Measurement) -> list[Alarm]:
         return []
     i = rival.sensor
     entry = m.entry.copy()
-    is_heard = measurement.readings > 0 and measurement.valid[i] and measurement.level_V[i] > setup.empty_V
-    if is_heard and not m.channels[i].is_stuck(measurement, i):
-        entry[2 + i] = measurement.level_V[i]
-    rival.lead += setup.filtered(rival.own_x, rival.own_P, entry) - setup.filtered(rival.x, rival.P, entry)
-    if rival.lead > setup.tuning.drop_margin:
+    is_heard = measurement.readings > 0 and measurement.valid[i] and measurement.level_V[i] > config.empty_V
+    if is_heard and not m.sensors[i].is_stuck(measurement, i):
+        entry[READING + i] = measurement.level_V[i]
+    rival.lead += config.filter_beside(rival.own_x, rival.own_P, entry) - config.filter_beside(rival.x, rival.P, entry)
+    if rival.lead > config.tuning.drop_margin:
         m.rival = None
-    if rival.lead > -setup.tuning.detect:
+    if rival.lead > -config.tuning.detect:
         return []
-    return _turn(setup, m, rival)
+    return _turn(config, m, rival)
 
 
-def _turn(setup: Setup, m: Memory, rival: Rival) -> list[Alarm]:
+def _turn(config: DetectorConfig, m: Memory, rival: Rival) -> list[Alarm]:
     """The rival's filter becomes the filter, and the sensor is used again; under the number of the drift's alarm."""
     m.rival = None
     del m.lost[rival.sensor]
     m.usable[rival.sensor] = True
     m.x[:], m.P[:] = rival.x, rival.P
-    alarm = declaration.declare(setup, m, rival.number, rival.before, rival.onset, rival.suspicion)
+    alarm = declaration.declare(config, m, rival.number, rival.before, rival.onset, rival.suspicion)
     m.restart_bank()
     return [alarm]

@@ -10,10 +10,11 @@ from __future__ import annotations
 from math import isfinite, nan
 from typing import Any
 
-from hil.core.diagnosis.glr import bank, declaration, drift_review, isolation, process, sensor_monitor
+from hil.core.diagnosis.glr import declaration, drift_review, isolation, kernels, sensor_monitor
+from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE
 from hil.core.diagnosis.glr.hypotheses import PUMPS
-from hil.core.diagnosis.glr.memory import Memory, Setup
-from hil.core.diagnosis.glr.process import LEVEL
+from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
+from hil.core.diagnosis.glr.model import LEVEL
 from hil.core.diagnosis.glr.replay import RING
 from hil.core.diagnosis.glr.tuning import Tuning
 from hil.core.estimator import Estimate
@@ -33,7 +34,7 @@ class GlrDetector:
 
     def __init__(self, model: TankModel, lag_s: float, noise_V: float, tuning: Tuning | None = None) -> None:
         """lag_s, noise_V : what the rig file believes. Compiles what is not compiled yet: seconds, the first time."""
-        self._setup = Setup.of(model, lag_s, noise_V, tuning or Tuning())
+        self.config = DetectorConfig.of(model, lag_s, noise_V, tuning or Tuning())
         self._warm_up()
 
     def start(self) -> Memory | None:
@@ -50,21 +51,21 @@ class GlrDetector:
     ) -> tuple[Any, Diagnosis]:
         """Verdict at run time t_s, s; applied_V held since the last step. `memory` is changed and handed back."""
         if memory is None:
-            return Memory.begin(self._setup, t_s, measurement, applied_V), Diagnosis()
+            return Memory.begin(self.config, t_s, measurement, applied_V), Diagnosis()
         m: Memory = memory
         if t_s <= m.t_s:
             return m, self._diagnosis(m, [])
-        setup = self._setup
+        config = self.config
         self._note(m, t_s, measurement, applied_V)
-        alarms = sensor_monitor.examine(setup, m, measurement)
+        alarms = sensor_monitor.examine(config, m, measurement)
         alarms += self._filter(m)
-        alarms += drift_review.step(setup, m, measurement)
+        alarms += drift_review.step(config, m, measurement)
         if m.lost:
-            alarms += sensor_monitor.readmit(setup, m, measurement)
-        if m.suspicion is None and m.statistic >= setup.tuning.detect and t_s >= setup.tuning.settle_s:
+            alarms += sensor_monitor.readmit(config, m, measurement)
+        if m.suspicion is None and m.max_ratio >= config.tuning.detect and t_s >= config.tuning.settle_s:
             isolation.suspect(m)
         if m.suspicion is not None:
-            alarms += isolation.isolate(setup, m, m.suspicion)
+            alarms += isolation.isolate(config, m, m.suspicion)
         declaration.watch_unproven(m)
         return m, self._diagnosis(m, alarms)
 
@@ -74,10 +75,10 @@ class GlrDetector:
         m.now += 1
         m.t_s = m.times_s[m.now % RING] = t_s
         n, level_V, usable = measurement.readings, measurement.level_V, m.usable
-        floor_V2, empty_V = self._setup.tuning.reading_floor_V**2, self._setup.empty_V
+        floor_V2, empty_V = self.config.tuning.reading_floor_V**2, self.config.empty_V
         scale = m.scale.tolist()
         levels, variances = [nan] * 4, [1.0] * 4
-        for i, channel in enumerate(m.channels):
+        for i, channel in enumerate(m.sensors):
             is_wet = empty_V < level_V[i] < ABSURD_V
             if is_wet:
                 channel.learn(measurement, i, is_used=usable[i])
@@ -89,14 +90,14 @@ class GlrDetector:
 
     def _filter(self, m: Memory) -> list[Alarm]:
         """One step of filter and bank."""
-        setup, entry, b = self._setup, m.entry, m.bank
-        likelihood = process.step(setup.c, setup.walk, m.x, m.P, entry, m.A, m.K, m.white, m.innovation)
-        m.history.none[m.now % RING] = likelihood
+        model, entry = self.config.model, m.entry
+        likelihood = kernels.filter_step(model, m.x, m.P, entry, m.result)
+        m.history.no_jump[m.now % RING] = likelihood
         alarms = self._watch_stuck_pump(m, likelihood)
-        bank.advance(setup.c[13], entry, m.A, m.K, m.white, m.innovation, b.effect, b.energy, b.match, b.cross)
-        m.open_slot()
-        rise, fall = m.least_jumps()
-        m.statistic = bank.best(rise, fall, b.onset, b.energy, b.match, b.cross, m.ratio, m.slot)
+        slot, m.max_ratio = kernels.update_bank(
+            model.level_gain_V_cm, m.now, entry, m.result, m.bank, m.min_jumps(), m.best
+        )
+        m.keep_filter(slot)
         if m.suspicion is None:
             self._learn_noise(m)
         return alarms
@@ -106,20 +107,20 @@ class GlrDetector:
         if p is None:
             return []
         entry = m.entry.copy()
-        entry[p.pump] = p.voltage_V
-        return declaration.watch_probation(self._setup, m, likelihood, self._setup.filtered(p.x, p.P, entry))
+        entry[VOLTAGE + p.pump] = p.voltage_V
+        return declaration.watch_probation(self.config, m, likelihood, self.config.filter_beside(p.x, p.P, entry))
 
     def _learn_noise(self, m: Memory) -> None:
         """Believe in more noise where innovations are larger than expected, but not while a fault may be why."""
-        tuning = self._setup.tuning
-        pace = tuning.scale_pace if m.statistic < tuning.calm else 0.0
-        square = process.learn_scale(m.entry, m.white, m.innovation, m.scale, pace)
+        tuning = self.config.tuning
+        pace = tuning.scale_pace if m.max_ratio < tuning.calm else 0.0
+        square = kernels.learn_scale(m.entry, m.result, m.scale, pace)
         if square >= 0.0:
-            share = min(float(m.entry[10]) / tuning.diverged_s, 1.0)
+            share = min(float(m.entry[PERIOD]) / tuning.diverged_s, 1.0)
             m.surprise += share * (min(square, LARGEST_SHOCK) - m.surprise)
 
     def _diagnosis(self, m: Memory, alarms: list[Alarm]) -> Diagnosis:
-        gain = float(self._setup.c[13])
+        gain = self.config.model.level_gain_V_cm
         h1, h2, h3, h4 = m.x[LEVEL : LEVEL + 4].tolist()
         level_V = (gain * h1, gain * h2, gain * h3, gain * h4)
         if not m.declared and not m.lost:
@@ -133,22 +134,22 @@ class GlrDetector:
             level_V,
             (stuck[0], stuck[1]),
             self._is_diverged(m, h1),
-            declaration.unproven(self._setup, m),
+            declaration.unproven(self.config, m),
             declaration.is_blind(m),
         )
 
     def _is_diverged(self, m: Memory, level_cm: float) -> bool:
-        tuning = self._setup.tuning
+        tuning = self.config.tuning
         restless = len(m.verdicts_s) >= tuning.verdicts_max and m.t_s - m.verdicts_s[0] < tuning.diverged_s
         return restless or m.surprise > tuning.diverged or not isfinite(level_cm)
 
     def _warm_up(self) -> None:
         """Run every compiled function once, so that nothing is compiled while pumps move."""
         reading = Measurement((5.0, 5.0, 1.0, 1.0), ALL, 0.0, 5, (1e-5, 1e-5, 1e-5, 1e-5), (5e-6, 5e-6, 5e-6, 5e-6))
-        m = Memory.begin(self._setup, 0.0, reading, (0.0, 0.0))
+        m = Memory.begin(self.config, 0.0, reading, (0.0, 0.0))
         for number in range(1, 4):
             self._note(m, 0.1 * number, reading, (3.0, 3.0))
             self._filter(m)
         isolation.suspect(m)
         if m.suspicion is not None:
-            isolation.isolate(self._setup, m, m.suspicion)
+            isolation.isolate(self.config, m, m.suspicion)

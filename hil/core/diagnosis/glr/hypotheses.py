@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hil.core.diagnosis.glr.process import BIAS, DRIFT, GAIN, LAG, LEAK, OUTLET, SPLIT
+from hil.core.diagnosis.glr.model import BIAS, DRIFT, GAIN, LAG, LEAK, OUTLET, SPLIT
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,10 +38,7 @@ JUMPS: tuple[Jump, ...] = (
     *(Jump(OUTLET + i, i + 1, "leak", "outlet_block", 0.4, (0.01, 5.0), (0.01, 1.2)) for i in range(2)),
     *(Jump(OUTLET + i, i + 1, "", "outlet_block", 0.4, (0.01, 1.0), (0.01, 1.2)) for i in range(2, 4)),
     *(Jump(LEAK + i, i + 3, "leak", "", 0.4, (0.01, 5.0), (0.01, 1.0)) for i in range(2)),
-    *(
-        Jump(BIAS + i, i + 1, "sensor_bias", "sensor_bias", BIAS_PRIOR_V, (0.005, 11.0), (0.005, 11.0))
-        for i in range(4)
-    ),
+    *(Jump(BIAS + i, i + 1, "sensor_bias", "sensor_bias", BIAS_PRIOR_V, BIASES_V, BIASES_V) for i in range(4)),
     *(Jump(DRIFT + i, i + 1, "sensor_drift", "sensor_drift", 0.05, (0.001, 5.0), (0.001, 5.0)) for i in range(4)),
 )
 H = len(JUMPS)

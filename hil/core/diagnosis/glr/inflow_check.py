@@ -7,36 +7,39 @@ from __future__ import annotations
 
 import numpy as np
 
-from hil.core.diagnosis.glr.memory import Memory, Setup
+from hil.core.diagnosis.glr.filter import PERIOD, READING, VOLTAGE
+from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
 from hil.core.diagnosis.glr.replay import RING
 
 WINDOW_S = 1.0
-LEAST_V = 2.0
+MIN_V = 2.0
 """A pump driven by less would fill its tank too slowly to be judged within the window."""
 
-LEAST_SHARE = 0.2
-"""So much of the expected inflow is water; readings of 5 mV tell it to a tenth at LEAST_V."""
+MIN_SHARE = 0.2
+"""So much of the expected inflow is water; readings of 5 mV tell it to a tenth at MIN_V."""
 
-LEAST_READ = 0.3
+MIN_READ = 0.3
 """Share of the periods that must hold a reading: short ones don't all."""
 
 
-def is_missing(setup: Setup, m: Memory, pump: int) -> bool:
+def is_missing(config: DetectorConfig, m: Memory, pump: int) -> bool:
     """Whether pump 0 or 1 has been driven for the whole window and its upper tank got nothing of it.
 
     False where that can't be told, since the pump got too little or the tank's sensor is not used.
     """
-    steps = round(WINDOW_S / float(m.entry[10]))
+    steps = round(WINDOW_S / float(m.entry[PERIOD]))
     if not 2 <= steps < min(m.now, RING):
         return False
     rows = m.history.entries[np.arange(m.now - steps, m.now + 1) % RING]
     tank = 3 - pump  # each pump fills the upper tank across
-    level_cm = rows[:, 2 + tank] / setup.c[13]
+    voltage_V = rows[:, VOLTAGE + pump]
+    level_cm = rows[:, READING + tank] / config.model.level_gain_V_cm
     is_read = np.isfinite(level_cm)
-    if float(rows[:, pump].min()) < LEAST_V or not m.usable[tank] or is_read.sum() < LEAST_READ * len(rows):
+    if float(voltage_V.min()) < MIN_V or not m.usable[tank] or is_read.sum() < MIN_READ * len(rows):
         return False
-    level_cm, times_s = level_cm[is_read], np.cumsum(rows[:, 10])[is_read]
+    level_cm, times_s = level_cm[is_read], np.cumsum(rows[:, PERIOD])[is_read]
     rate_cm_s = float(np.polyfit(times_s, level_cm, 1)[0])
-    inflow = setup.c[tank] * rate_cm_s + setup.c[4 + tank] * np.sqrt(np.maximum(level_cm, 0.0)).mean()
-    expected = (1.0 - setup.c[10 + pump]) * setup.c[8 + pump] * rows[:, pump].mean()
-    return bool(inflow < LEAST_SHARE * expected)
+    model = config.model
+    inflow = model.area_cm2[tank] * rate_cm_s + model.outlet_flow[tank] * np.sqrt(np.maximum(level_cm, 0.0)).mean()
+    expected = (1.0 - model.valve_split[pump]) * model.pump_gain_cm3_Vs[pump] * voltage_V.mean()
+    return bool(inflow < MIN_SHARE * expected)

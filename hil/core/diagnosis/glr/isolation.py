@@ -6,13 +6,14 @@ from math import sqrt
 
 import numpy as np
 
-from hil.core.diagnosis.glr import declaration, drift_review, process, replay, rollback
+from hil.core.diagnosis.glr import declaration, drift_review, kernels, rollback
 from hil.core.diagnosis.glr.bank import SLOTS
 from hil.core.diagnosis.glr.declaration import IDLE_V
-from hil.core.diagnosis.glr.hypotheses import BIAS_PRIOR_V, BOTH, JUMPS, PUMPS, H
-from hil.core.diagnosis.glr.memory import Checkpoint, Memory, Setup, Suspicion
-from hil.core.diagnosis.glr.process import BIAS, DRIFT, GAIN, Array
-from hil.core.diagnosis.glr.replay import Replays
+from hil.core.diagnosis.glr.filter import VOLTAGE
+from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, PUMPS, H
+from hil.core.diagnosis.glr.memory import Checkpoint, DetectorConfig, Memory, Suspicion
+from hil.core.diagnosis.glr.model import BIAS, DRIFT, GAIN, Array
+from hil.core.diagnosis.glr.replay import RING, Replays
 from hil.core.types import Alarm
 
 ONSETS_AROUND = (-8, -4, -2, -1, 0, 1, 2, 4, 8)
@@ -24,6 +25,9 @@ CHECKPOINT_STEPS = 10
 
 BACK_MOST = 100
 """Steps; to live through more of them again takes longer than a step may."""
+
+NO_LIMIT = 1 << 40
+"""Filter steps; more than there can be."""
 
 NO_EVIDENCE = -1e300
 """Of what can't be; still a number, so that differences are."""
@@ -46,23 +50,23 @@ def suspect(m: Memory) -> None:
     Hypotheses that lag far behind begin at the leader's onset: theirs may be long ago, and long replays cost time.
     If the leader may be a fault that is known already there is nothing to be said before the verdict.
     """
-    leader = int(np.argmax(m.ratio))
+    leader = int(np.argmax(m.best.ratio))
     number = None
     if not any(j in m.declared for j in jumps_of(leader)):
         m.alarms += 1
         number = m.alarms
     m.suspicion = Suspicion(number, m.t_s)
     for number in range(H + 1):
-        own = m.slot[number] >= 0 and m.ratio[number] >= FAR_BEHIND * m.statistic
-        slot = int(m.slot[number if own else leader])
+        own = m.best.slot[number] >= 0 and m.best.ratio[number] >= FAR_BEHIND * m.max_ratio
+        slot = int(m.best.slot[number if own else leader])
         _begin(m, m.replays, number, number, slot)
 
 
-def isolate(setup: Setup, m: Memory, suspicion: Suspicion) -> list[Alarm]:
+def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Alarm]:
     """One step towards a verdict; the alarms that it has come to."""
-    tuning, r = setup.tuning, m.replays
-    if _catch_up(setup, m, r, H + 1, tuning.replay_budget):
-        return _candidates(m, suspicion, _likely_by_bank(setup, m))
+    tuning, r = config.tuning, m.replays
+    if kernels.catch_up(config.model, m.history, r, H + 1, m.now, tuning.replay_budget):
+        return _candidates(m, suspicion, _likely_by_bank(config, m))
     evidence, order = _evidence(m)
     suspicion.leader = order[0]
     state = JUMPS[order[0]].state if order[0] != BOTH else GAIN
@@ -72,21 +76,21 @@ def isolate(setup: Setup, m: Memory, suspicion: Suspicion) -> list[Alarm]:
     if m.is_doubtful:
         pass  # some readings more, and a sensor may be found stuck: then it is none of these
     elif is_seen or (is_bias and evidence[order[0]] - evidence[order[1]] >= tuning.jump_margin):
-        winner = _leader(setup, m, evidence, order)
+        winner = _leader(config, m, evidence, order)
     if winner is not None:
         rivals = [n for n in order if n != winner and evidence[n] >= evidence[winner] - tuning.drop_margin]
         for number in (winner, *rivals[:RIVALS]):
-            _sharpen(setup, m, number)
+            _sharpen(config, m, number)
         evidence, order = _evidence(m)
-        winner = _leader(setup, m, evidence, order)
+        winner = _leader(config, m, evidence, order)
     is_late = m.t_s - suspicion.detected_s >= tuning.resolve_within_s
-    if winner is None and (is_late or (_is_overtaken(setup, m, order[0]) and not m.is_doubtful)):
+    if winner is None and (is_late or (_is_overtaken(config, m, order[0]) and not m.is_doubtful)):
         winner = order[0]
     if winner is not None:
-        return _settle(setup, m, suspicion, winner, order)
-    _drop(setup, m, evidence)
+        return _settle(config, m, suspicion, winner, order)
+    _drop(config, m, evidence)
     likely = [number for number in order if evidence[number] >= evidence[order[0]] - tuning.margin]
-    return _candidates(m, suspicion, likely + _likely_by_bank(setup, m))
+    return _candidates(m, suspicion, likely + _likely_by_bank(config, m))
 
 
 def _candidates(m: Memory, suspicion: Suspicion, likely: list[int]) -> list[Alarm]:
@@ -95,14 +99,14 @@ def _candidates(m: Memory, suspicion: Suspicion, likely: list[int]) -> list[Alar
     return [declaration.unresolved(m, suspicion, likely)] if is_news else []
 
 
-def _drop(setup: Setup, m: Memory, evidence: Array) -> None:
+def _drop(config: DetectorConfig, m: Memory, evidence: Array) -> None:
     """Give up hypotheses that have fallen far behind; the pair of pumps is needed to judge a single one.
 
     One whose size is impossible so far is given its chance while it explains the readings.
     """
     r = m.replays
-    behind = r.evidence < evidence.max() - setup.tuning.drop_margin
-    r.dropped[behind & (m.now - r.onset > setup.tuning.least_steps)] = 1
+    behind = r.evidence < evidence.max() - config.tuning.drop_margin
+    r.dropped[behind & (m.now - r.onset > config.tuning.least_steps)] = 1
     r.dropped[BOTH] = 0
 
 
@@ -112,24 +116,17 @@ def _begin(m: Memory, replays: Replays, row: int, number: int, slot: int) -> Non
     for j in jumps_of(number):
         energy = m.bank.energy[j, slot]
         size = min(max(m.bank.match[j, slot] / energy, -1.0), 1.0) if energy > 0.0 else 0.0
-        reach += size * m.A[:4, JUMPS[j].state]
+        reach += size * m.result.A[:4, JUMPS[j].state]
     replays.begin(row, number, m.history, slot, int(m.bank.onset[slot]), reach)
 
 
-def _catch_up(setup: Setup, m: Memory, r: Replays, rows: int, budget: int) -> int:
-    return process.catch_up(
-        setup.c, setup.walk, m.history.entries, m.history.none, r.x, r.P, r.evidence, r.seen, r.onset, m.now,
-        budget, r.bias, r.dropped, r.misfit, r.fit, r.x_fit, r.P_fit, rows, BIAS_PRIOR_V**2,
-    )  # fmt: skip
-
-
-def _likely_by_bank(setup: Setup, m: Memory) -> list[int]:
-    return [j for j in range(H + 1) if m.ratio[j] > 0.0 and m.ratio[j] >= m.statistic - setup.tuning.margin]
+def _likely_by_bank(config: DetectorConfig, m: Memory) -> list[int]:
+    return [j for j in range(H + 1) if m.best.ratio[j] > 0.0 and m.best.ratio[j] >= m.max_ratio - config.tuning.margin]
 
 
 def _is_possible(m: Memory, number: int) -> bool:
     """Whether the sizes found are large enough and of a sign that the fault can have; pumps go together."""
-    rise, fall = m.least_jumps()
+    rise, fall = m.min_jumps()
     r = m.replays
     sizes = [(j, r.x[number, JUMPS[j].state] - r.before[number, JUMPS[j].state]) for j in jumps_of(number)]
     if any(_runs_backwards(r, number, GAIN + pump) for pump in PUMPS):
@@ -146,9 +143,9 @@ def _runs_backwards(r: Replays, number: int, state: int) -> bool:
     return bool(r.x[number, state] + SURE_STDS * std < LEAST_GAIN)
 
 
-def _leader(setup: Setup, m: Memory, evidence: Array, order: list[int]) -> int | None:
+def _leader(config: DetectorConfig, m: Memory, evidence: Array, order: list[int]) -> int | None:
     """The hypothesis that leads by enough, or None."""
-    tuning = setup.tuning
+    tuning = config.tuning
     first, second = [number for number in order if number != BOTH][:2]
     if first not in PUMPS:
         if evidence[BOTH] - evidence[first] >= tuning.margin:
@@ -157,27 +154,27 @@ def _leader(setup: Setup, m: Memory, evidence: Array, order: list[int]) -> int |
     if evidence[BOTH] - evidence[first] >= tuning.both_lead:
         return BOTH if evidence[BOTH] - evidence[first] >= tuning.margin else None
     other = PUMPS[1 - first]
-    is_alone = _is_known(setup, m, other) or float(m.entry[other]) < IDLE_V
+    is_alone = _is_known(config, m, other) or float(m.entry[VOLTAGE + other]) < IDLE_V
     return first if is_alone and evidence[first] - evidence[second] >= tuning.margin else None
 
 
-def _is_overtaken(setup: Setup, m: Memory, number: int) -> bool:
+def _is_overtaken(config: DetectorConfig, m: Memory, number: int) -> bool:
     """Whether a hypothesis explained what was seen, until something else happened."""
-    return _has_explained(setup, m, number) and float(m.replays.misfit[number]) > setup.tuning.overtaken
+    return _has_explained(config, m, number) and float(m.replays.misfit[number]) > config.tuning.overtaken
 
 
-def _has_explained(setup: Setup, m: Memory, number: int) -> bool:
+def _has_explained(config: DetectorConfig, m: Memory, number: int) -> bool:
     fit = int(m.replays.fit[number])
-    return fit - m.replays.onset[number] >= setup.tuning.least_fit_steps and m.now - fit <= BACK_MOST
+    return fit - m.replays.onset[number] >= config.tuning.least_fit_steps and m.now - fit <= BACK_MOST
 
 
-def _is_known(setup: Setup, m: Memory, pump: int) -> bool:
+def _is_known(config: DetectorConfig, m: Memory, pump: int) -> bool:
     """Whether a loss of this pump, beside the other's, would be known."""
     state = JUMPS[pump].state
-    return sqrt(max(m.replays.P[BOTH, state, state], 0.0)) < setup.tuning.second_pump_std
+    return sqrt(max(m.replays.P[BOTH, state, state], 0.0)) < config.tuning.second_pump_std
 
 
-def _settle(setup: Setup, m: Memory, suspicion: Suspicion, winner: int, order: list[int]) -> list[Alarm]:
+def _settle(config: DetectorConfig, m: Memory, suspicion: Suspicion, winner: int, order: list[int]) -> list[Alarm]:
     """The winner's filter becomes the filter.
 
     Once it has explained enough it does so as it stood some steps ago, and lives through them again with the bank: a
@@ -187,26 +184,26 @@ def _settle(setup: Setup, m: Memory, suspicion: Suspicion, winner: int, order: l
     m.suspicion = None
     before, onset = r.before[winner].copy(), int(r.onset[winner])
     m.checkpoint = _checkpoint(m, onset)
-    has_explained = _has_explained(setup, m, winner)
+    has_explained = _has_explained(config, m, winner)
     x, P = (r.x_fit, r.P_fit) if has_explained else (r.x, r.P)
     m.x[:], m.P[:] = x[winner], P[winner]
-    _loosen(setup, m, winner, before)
-    if winner in PUMPS and not _is_known(setup, m, 1 - winner):
+    _loosen(config, m, winner, before)
+    if winner in PUMPS and not _is_known(config, m, 1 - winner):
         m.unproven = (1 - winner, 0.0)
-    alarms = [declaration.declare(setup, m, j, before, onset, suspicion) for j in jumps_of(winner)]
+    alarms = [declaration.declare(config, m, j, before, onset, suspicion) for j in jumps_of(winner)]
     m.restart_bank()
     if has_explained:
-        _relive(setup, m, int(r.fit[winner]))
-    m.rival = drift_review.rival_of(setup, m, winner, order, Suspicion(alarms[0].number, alarms[0].detected_s))
-    m.verdicts_s = (*m.verdicts_s, m.t_s)[-setup.tuning.verdicts_max :]
+        _relive(config, m, int(r.fit[winner]))
+    m.rival = drift_review.rival_of(config, m, winner, order, Suspicion(alarms[0].number, alarms[0].detected_s))
+    m.verdicts_s = (*m.verdicts_s, m.t_s)[-config.tuning.verdicts_max :]
     return alarms
 
 
-def _relive(setup: Setup, m: Memory, start: int) -> None:
+def _relive(config: DetectorConfig, m: Memory, start: int) -> None:
     """From a step on once more, without the sensors that have been given up."""
     for sensor in m.lost:
         rollback.revalue(m, start, sensor, None)
-    rollback.relive(setup, m, start, m.now)
+    rollback.relive(config, m, start, m.now)
 
 
 def _checkpoint(m: Memory, onset: int) -> Checkpoint:
@@ -218,7 +215,7 @@ def _checkpoint(m: Memory, onset: int) -> Checkpoint:
     return Checkpoint(onset, int(b.onset[slot]), m.history.x[slot].copy(), m.history.P[slot].copy(), dict(m.declared))
 
 
-def _sharpen(setup: Setup, m: Memory, number: int) -> None:
+def _sharpen(config: DetectorConfig, m: Memory, number: int) -> None:
     """Try onsets around that of a hypothesis; the replay that explains the readings best takes its place.
 
     Each is judged against no jump from its own onset on, so that the ratios compare as they are.
@@ -227,11 +224,11 @@ def _sharpen(setup: Setup, m: Memory, number: int) -> None:
     onset = int(r.onset[number])
     slot_of = {int(at): slot for slot, at in enumerate(m.bank.onset) if at >= 0}
     near = [slot_of[onset + by] for by in ONSETS_AROUND if onset + by in slot_of and onset + by < m.now - 1]
-    if not near or m.now - onset >= replay.RING - 64:
+    if not near or m.now - onset >= RING - 64:
         return
     for row, slot in enumerate(near):
         _begin(m, scratch, row, number, slot)
-    _catch_up(setup, m, scratch, len(near), 1 << 40)
+    kernels.catch_up(config.model, m.history, scratch, len(near), m.now, NO_LIMIT)
     best = int(np.argmax(scratch.evidence[: len(near)]))
     if scratch.evidence[best] > r.evidence[number]:
         r.take(number, scratch, best)
@@ -244,11 +241,11 @@ def _evidence(m: Memory) -> tuple[Array, list[int]]:
     return evidence, [int(number) for number in np.argsort(-evidence)]
 
 
-def _loosen(setup: Setup, m: Memory, winner: int, before: Array) -> None:
+def _loosen(config: DetectorConfig, m: Memory, winner: int, before: Array) -> None:
     """An onset off by part of a step has left its mark on levels and size: let the readings correct it."""
-    tuning = setup.tuning
+    tuning = config.tuning
     for j in jumps_of(winner):
         jump = JUMPS[j]
         size = float(m.x[jump.state] - before[jump.state])
         m.P[jump.state, jump.state] += (tuning.size_doubt * abs(size) + tuning.prior_doubt * jump.prior) ** 2
-        m.P[range(4), range(4)] += (size * m.A[:4, jump.state]) ** 2
+        m.P[range(4), range(4)] += (size * m.result.A[:4, jump.state]) ** 2

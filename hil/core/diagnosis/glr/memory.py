@@ -8,44 +8,61 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hil.core.diagnosis.glr import bank, process
-from hil.core.diagnosis.glr.bank import Bank
-from hil.core.diagnosis.glr.hypotheses import JUMPS, H
-from hil.core.diagnosis.glr.process import BIAS, DRIFT, GAIN, LAG, LEAK, LEVEL, MOVING, PUMP, Array, Ints, N
+from hil.core.diagnosis.glr import bank, kernels
+from hil.core.diagnosis.glr.bank import Bank, Best, MinJumps
+from hil.core.diagnosis.glr.filter import StepResult
+from hil.core.diagnosis.glr.hypotheses import JUMPS
+from hil.core.diagnosis.glr.model import BIAS, DRIFT, GAIN, LAG, LEAK, LEVEL, PUMP, Array, FilterModel, N
 from hil.core.diagnosis.glr.replay import RING, History, Replays
-from hil.core.diagnosis.glr.sensor_statistics import Channel
+from hil.core.diagnosis.glr.sensor_statistics import SensorStatistics
 from hil.core.diagnosis.glr.tuning import Tuning
 from hil.core.tanks import TankModel
 from hil.core.types import Measurement, Pair
 
 EMPTY_STDS = 6.0
+"""A reading of fewer standard deviations of the noise may be that of an empty tank."""
+
+MIN_LAG_S = 1e-3
+"""The filter divides by the lag."""
+
+START_LEVEL_STD_V = 0.005
+"""How far the first level may be off its reading, besides the noise."""
 
 
 @dataclass(frozen=True, eq=False)
-class Setup:
-    """What doesn't change: c (16,) the rig's constants, walk (N,) variance a period, noise_V of a reading.
+class DetectorConfig:
+    """What doesn't change during a run: tuning, the rig's numbers, noise_V of a reading.
 
     empty_V : below it a tank may be empty, where a converter cuts the noise off: such readings are not used.
     """
 
     tuning: Tuning
-    c: Array
-    walk: Array
+    model: FilterModel
     noise_V: float
     empty_V: float
 
     @classmethod
-    def of(cls, model: TankModel, lag_s: float, noise_V: float, tuning: Tuning) -> Setup:
+    def of(cls, model: TankModel, lag_s: float, noise_V: float, tuning: Tuning) -> DetectorConfig:
         """From the rig file's numbers."""
         walk = np.zeros(N)
         walk[LEVEL : LEVEL + 4] = tuning.level_walk_cm**2
         walk[GAIN:LEAK] = tuning.parameter_walk**2
-        return cls(tuning, process.constants(model, lag_s), walk, noise_V, EMPTY_STDS * noise_V)
+        speed = float(np.sqrt(2.0 * model.gravity_cm_s2))
+        filter_model = FilterModel(
+            area_cm2=np.array(model.area_cm2),
+            outlet_flow=np.array([a * speed for a in model.outlet_cm2]),
+            pump_gain_cm3_Vs=np.array(model.pump_gain_cm3_Vs),
+            valve_split=np.array(model.valve_split),
+            walk=walk,
+            lag_s=max(lag_s, MIN_LAG_S),
+            level_gain_V_cm=model.level_gain_V_cm,
+            height_cm=model.height_cm,
+        )
+        return cls(tuning=tuning, model=filter_model, noise_V=noise_V, empty_V=EMPTY_STDS * noise_V)
 
-    def filtered(self, x: Array, P: Array, entry: Array) -> float:
-        """One step of a filter beside the main one, in place; see `process.step`."""
-        A, K = np.empty((MOVING, N)), np.empty((N, 4))
-        return process.step(self.c, self.walk, x, P, entry, A, K, np.empty((4, 4)), np.empty(4))
+    def filter_beside(self, x: Array, P: Array, entry: Array) -> float:
+        """One step of a filter beside the main one, in place; the log-likelihood of the readings."""
+        return kernels.filter_step(self.model, x, P, entry, StepResult.empty())
 
 
 @dataclass(slots=True)
@@ -144,8 +161,8 @@ class Checkpoint:
 class Memory:
     """The filter (x, P), the bank and its history, what was learned of the sensors, and what was declared.
 
-    A, K, white, innovation : what the last filter step left behind, see `process.step`. scale : (4,) by how much the
-    innovations' variance exceeds what the sensors' noise explains. ratio, slot : the bank's best, by hypothesis.
+    result : of the last filter step. scale : (4,) by how much the innovations' variance exceeds what the sensors'
+    noise explains. best, max_ratio : the bank's answer, by hypothesis, and the greatest ratio of all.
     declared : by place in JUMPS. scratch : room for trying onsets. usable : whether the filter takes a sensor's
     readings in. lost : those that it doesn't. agrees : for how many steps a lost sensor has agreed
     with the filter. noisy : numbers of the alarms of noisy sensors. is_doubtful : whether a sensor that is used repeats
@@ -157,7 +174,7 @@ class Memory:
 
     x: Array
     P: Array
-    channels: list[Channel]
+    sensors: list[SensorStatistics]
     t_s: float
     now: int = 0
     bank: Bank = field(default_factory=Bank.empty)
@@ -165,14 +182,10 @@ class Memory:
     replays: Replays = field(default_factory=Replays.empty)
     scratch: Replays = field(default_factory=Replays.empty)
     times_s: list[float] = field(default_factory=lambda: [nan] * RING)
-    A: Array = field(default_factory=lambda: np.zeros((MOVING, N)))
-    K: Array = field(default_factory=lambda: np.zeros((N, 4)))
-    white: Array = field(default_factory=lambda: np.zeros((4, 4)))
-    innovation: Array = field(default_factory=lambda: np.zeros(4))
+    result: StepResult = field(default_factory=StepResult.empty)
     scale: Array = field(default_factory=lambda: np.ones(4))
-    ratio: Array = field(default_factory=lambda: np.zeros(H + 1))
-    slot: Ints = field(default_factory=lambda: np.zeros(H + 1, dtype=np.int64))
-    statistic: float = 0.0
+    best: Best = field(default_factory=Best.empty)
+    max_ratio: float = 0.0
     surprise: float = 1.0
     usable: list[bool] = field(default_factory=lambda: [True] * 4)
     lost: dict[int, Lost] = field(default_factory=dict)
@@ -189,24 +202,26 @@ class Memory:
     unproven: tuple[int, float] | None = None
 
     @classmethod
-    def begin(cls, setup: Setup, t_s: float, measurement: Measurement, applied_V: Pair) -> Memory:
+    def begin(cls, config: DetectorConfig, t_s: float, measurement: Measurement, applied_V: Pair) -> Memory:
         """The filter at the first readings, parameters as in the rig file."""
-        tuning = setup.tuning
+        tuning = config.tuning
         x, variance = np.zeros(N), np.zeros(N)
-        x[LEVEL : LEVEL + 4] = np.array(measurement.level_V) / setup.c[13]
+        x[LEVEL : LEVEL + 4] = np.array(measurement.level_V) / config.model.level_gain_V_cm
         x[PUMP : PUMP + 2] = applied_V
         x[GAIN:LEAK] = 1.0
-        variance[LEVEL : LEVEL + 4] = (setup.noise_V**2 / max(measurement.readings, 1) + 0.005**2) / setup.c[13] ** 2
+        level_V2 = config.noise_V**2 / max(measurement.readings, 1) + START_LEVEL_STD_V**2
+        variance[LEVEL : LEVEL + 4] = level_V2 / config.model.level_gain_V_cm**2
         variance[GAIN:LEAK] = tuning.parameter_std**2
         variance[LAG : LAG + 2] = tuning.lag_std**2
-        memory = cls(x, np.diag(variance), [Channel(setup.noise_V**2) for _ in range(4)], t_s)
+        sensors = [SensorStatistics(config.noise_V**2) for _ in range(4)]
+        memory = cls(x=x, P=np.diag(variance), sensors=sensors, t_s=t_s)
         memory.times_s[0] = t_s
         memory.open_slot()
         return memory
 
     @property
     def entry(self) -> Array:
-        """The newest line of the history, see `process.step`."""
+        """The newest entry of the history, see `filter`."""
         newest: Array = self.history.entries[self.now % RING]
         return newest
 
@@ -216,8 +231,10 @@ class Memory:
 
     def open_slot(self, step: int | None = None) -> None:
         """Let the bank consider jumps from this step (None: now) on, and keep the filter as it stands."""
-        b, onset = self.bank, self.now if step is None else step
-        slot = bank.open_slot(onset, bank.STATES, b.onset, b.effect, b.energy, b.match, b.cross)
+        self.keep_filter(bank.open_slot(self.now if step is None else step, self.bank))
+
+    def keep_filter(self, slot: int) -> None:
+        """Keep the filter as it stands, as that at the onset of a slot."""
         self.history.x[slot] = self.x
         self.history.P[slot] = self.P
 
@@ -225,28 +242,30 @@ class Memory:
         """Forget all candidates: the filter has just been corrected, as it stood at a step (None: now)."""
         self.bank.clear()
         self.open_slot(step)
-        self.statistic = 0.0
+        self.max_ratio = 0.0
 
     def forget(self, state: int) -> None:
-        """Put a fault's state back to nought, known for certain."""
+        """Reset a fault's state to zero, with zero variance."""
         self.x[state] = 0.0
         self.P[state, :] = self.P[:, state] = 0.0
 
-    def least_jumps(self) -> tuple[Array, Array]:
-        """(H,) the smallest jumps up and down that count; what has been declared may also go back."""
+    def min_jumps(self) -> MinJumps:
+        """The smallest jumps that count; what has been declared may also go back."""
         if not self.declared:
-            return LEAST_RISE, LEAST_FALL
-        rise, fall = LEAST_RISE.copy(), LEAST_FALL.copy()
+            return MIN_JUMPS
+        rise, fall = MIN_JUMPS.rise.copy(), MIN_JUMPS.fall.copy()
         for j, fault in self.declared.items():
             rise[j], fall[j] = JUMPS[j].rise[0], JUMPS[j].fall[0]
             if fault.size < 0.0:
                 rise[j] = JUMPS[j].fall[0]
-        return rise, fall
+        return MinJumps(rise=rise, fall=fall)
 
     def distrusted(self, sensor: int) -> bool:
         """Whether a sensor's reading must not be used as it is."""
         return not self.usable[sensor] or any(JUMPS[j].state in (BIAS + sensor, DRIFT + sensor) for j in self.declared)
 
 
-LEAST_RISE = np.array([jump.rise[0] if jump.rises else np.inf for jump in JUMPS])
-LEAST_FALL = np.array([jump.fall[0] if jump.falls else np.inf for jump in JUMPS])
+MIN_JUMPS = MinJumps(
+    rise=np.array([jump.rise[0] if jump.rises else np.inf for jump in JUMPS]),
+    fall=np.array([jump.fall[0] if jump.falls else np.inf for jump in JUMPS]),
+)

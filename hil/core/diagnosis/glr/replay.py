@@ -1,56 +1,69 @@
-"""The filter again, from the onset on, once per hypothesis: exact where the bank is linear.
+"""The replay: the filter again, from the onset on, once per hypothesis; exact where the bank is linear.
 
-Each hypothesis is the filter as it stood at the onset, with room to jump: the variance of the state that jumps. How
-well it then predicts the readings, against the filter that knows of no jump, tells the hypotheses apart; its state
+Each hypothesis is the filter as it was at the onset, with room to jump: the variance of the state that jumps. How
+well it then predicts the readings, against the filter that assumes no jump, tells the hypotheses apart; its state
 tells the size.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 
-from hil.core.diagnosis.glr import bank
-from hil.core.diagnosis.glr.bank import SLOTS
-from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, PUMPS, H
-from hil.core.diagnosis.glr.process import BIAS, Array, Ints, N
+from hil.core.diagnosis.glr.bank import MAX_AGE, SLOTS
+from hil.core.diagnosis.glr.compiled import compiled
+from hil.core.diagnosis.glr.filter import ENTRY, READING, StepResult, filter_step, whitened
+from hil.core.diagnosis.glr.hypotheses import BIAS_PRIOR_V, BOTH, JUMPS, PUMPS, H
+from hil.core.diagnosis.glr.model import BIAS, MOVING, Array, FilterModel, Ints, N
 
-RING = bank.OLDEST + 64
+RING = MAX_AGE + 64
 """Steps of history that are kept: a little more than the oldest onset needs."""
 
-ENTRY = 12
 ONSET_SPREAD = 0.3
 """Standard deviation of an onset within its control period, in periods (that of a uniform one)."""
+
+MISFIT_SLACK, MAX_MISFIT_STEP = 2.0, 15.0
+"""What a step's readings may be off before it counts, and may count for at the most: one odd step says nothing."""
+
+FIT_STEPS = 5
+"""Between two steps kept as those at which a replay fits: what has just begun doesn't show in a step or two."""
 
 JUMPING_BIAS = np.array([jump.state - BIAS if BIAS <= jump.state < BIAS + 4 else -1 for jump in JUMPS] + [-1])
 
 
-@dataclass(frozen=True, eq=False)
-class History:
-    """What the filters saw, by step modulo RING, and the filter's state at the onset of every slot of the bank."""
+class History(NamedTuple):
+    """What the filters saw, by step modulo RING, and the filter's state at the onset of every slot of the bank.
 
-    entries: Array  # (RING, ENTRY)
-    none: Array  # (RING,) log-likelihood of the readings without a jump
-    x: Array  # (SLOTS, N)
-    P: Array  # (SLOTS, N, N)
+    entries : (RING, ENTRY), see `filter`. no_jump : (RING,) log-likelihood of the readings without a jump.
+    x : (SLOTS, N). P : (SLOTS, N, N).
+    """
+
+    entries: Array
+    no_jump: Array
+    x: Array
+    P: Array
 
     @classmethod
     def empty(cls) -> History:
         """Nothing seen."""
-        return cls(np.zeros((RING, ENTRY)), np.zeros(RING), np.zeros((SLOTS, N)), np.zeros((SLOTS, N, N)))
+        return cls(
+            entries=np.zeros((RING, ENTRY)),
+            no_jump=np.zeros(RING),
+            x=np.zeros((SLOTS, N)),
+            P=np.zeros((SLOTS, N, N)),
+        )
 
 
-@dataclass(frozen=True, eq=False)
-class Replays:
+class Replays(NamedTuple):
     """One filter a hypothesis, H + 1 of them; all arrays change in place.
 
     x : (H + 1, N). P : (H + 1, N, N). evidence : (H + 1,) log-likelihood ratio against no jump. seen : (H + 1,) the
     last step that the filter has taken in. onset : (H + 1,) the step at which its jump begins. before : (H + 1, N) the
     state at the onset. bias : (H + 1,) the sensor whose bias jumps, from 0; -1 for none.
     dropped : (H + 1,) 1 for those that have fallen too far behind to be worth their time. misfit : (H + 1,) how far the
-    latest readings are from what the replay itself expects, see `process.catch_up`. fit, x_fit, P_fit : (H + 1,) a
-    late step at which they were as expected, and the filter at it.
+    latest readings are from what the replay itself expects, see `catch_up`. fit, x_fit, P_fit : (H + 1,) a late step
+    at which they were as expected, and the filter at it.
     """
 
     x: Array
@@ -71,18 +84,18 @@ class Replays:
         """None under way."""
         n = H + 1
         return cls(
-            np.zeros((n, N)),
-            np.zeros((n, N, N)),
-            np.zeros(n),
-            np.zeros(n, dtype=np.int64),
-            np.zeros(n, dtype=np.int64),
-            np.zeros((n, N)),
-            np.full(n, -1, dtype=np.int64),
-            np.zeros(n, dtype=np.int64),
-            np.zeros(n),
-            np.zeros(n, dtype=np.int64),
-            np.zeros((n, N)),
-            np.zeros((n, N, N)),
+            x=np.zeros((n, N)),
+            P=np.zeros((n, N, N)),
+            evidence=np.zeros(n),
+            seen=np.zeros(n, dtype=np.int64),
+            onset=np.zeros(n, dtype=np.int64),
+            before=np.zeros((n, N)),
+            bias=np.full(n, -1, dtype=np.int64),
+            dropped=np.zeros(n, dtype=np.int64),
+            misfit=np.zeros(n),
+            fit=np.zeros(n, dtype=np.int64),
+            x_fit=np.zeros((n, N)),
+            P_fit=np.zeros((n, N, N)),
         )
 
     def begin(self, row: int, number: int, history: History, slot: int, onset: int, reach: Array) -> None:
@@ -103,5 +116,59 @@ class Replays:
 
     def take(self, row: int, other: Replays, its_row: int) -> None:
         """Replace a row by one of another's."""
-        for one in fields(self):
-            getattr(self, one.name)[row] = getattr(other, one.name)[its_row]
+        for mine, theirs in zip(self, other, strict=True):
+            mine[row] = theirs[its_row]
+
+
+@compiled
+def catch_up(model: FilterModel, history: History, replays: Replays, rows: int, now: int, budget: int) -> int:
+    """Take the first `rows` filters on towards step `now`, by at most `budget` filter steps; how many are still to do.
+
+    In the period in which a bias begins, the mean of that sensor's readings holds part of it only: what is learned of
+    the bias there is forgotten.
+    """
+    result = StepResult(np.zeros((MOVING, N)), np.zeros((N, 4)), np.zeros((4, 4)), np.zeros(4))
+    left = 0
+    for j in range(rows):
+        if replays.dropped[j]:
+            continue
+        while replays.seen[j] < now and budget > 0:
+            replays.seen[j] += 1
+            budget -= 1
+            at = replays.seen[j] % history.entries.shape[0]
+            entry = history.entries[at]
+            likelihood = filter_step(model, replays.x[j], replays.P[j], entry, result)
+            replays.evidence[j] += likelihood - history.no_jump[at]
+            _watch_misfit(entry, result, replays, j)
+            if replays.bias[j] >= 0 and replays.seen[j] == replays.onset[j] + 1:
+                _forget_bias(replays.P[j], BIAS + replays.bias[j])
+        left += now - replays.seen[j]
+    return left
+
+
+@compiled
+def _watch_misfit(entry: Array, result: StepResult, replays: Replays, j: int) -> None:
+    """How badly replay j fits the latest readings; the filter at a late step at which it fitted is kept.
+
+    The misfit is a cumulative sum (Page, 1954) of half the squared whitened innovations in excess of what is expected
+    of them, less a slack.
+    """
+    excess = 0.0
+    for i in range(4):
+        if np.isfinite(entry[READING + i]):
+            value = whitened(result.whitener, result.innovation, i)
+            excess += 0.5 * (value * value - 1.0)
+    excess -= MISFIT_SLACK
+    replays.misfit[j] = max(replays.misfit[j] + min(excess, MAX_MISFIT_STEP), 0.0)
+    if replays.misfit[j] == 0.0 and replays.seen[j] - replays.fit[j] >= FIT_STEPS:
+        replays.fit[j] = replays.seen[j]
+        replays.x_fit[j] = replays.x[j]
+        replays.P_fit[j] = replays.P[j]
+
+
+@compiled
+def _forget_bias(P: Array, state: int) -> None:
+    """Back to what is known of a bias before any reading."""
+    P[state, :] = 0.0
+    P[:, state] = 0.0
+    P[state, state] = BIAS_PRIOR_V**2

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from math import nan
 
-from hil.core.diagnosis.glr import bank, process
-from hil.core.diagnosis.glr.memory import Declared, Memory, Setup
+from hil.core.diagnosis.glr import bank, kernels
+from hil.core.diagnosis.glr.filter import READING, VARIANCE
+from hil.core.diagnosis.glr.memory import Declared, DetectorConfig, Memory
 from hil.core.diagnosis.glr.replay import RING
 
 SAME_STEPS = 5
@@ -32,19 +33,16 @@ def revalue(m: Memory, start: int, sensor: int, variance_V2: float | None) -> No
     for step in range(start + 1, m.now + 1):
         entry = m.history.entries[step % RING]
         if variance_V2 is None:
-            entry[2 + sensor] = nan
+            entry[READING + sensor] = nan
         else:
-            entry[6 + sensor] = variance_V2
+            entry[VARIANCE + sensor] = variance_V2
 
 
-def relive(setup: Setup, m: Memory, start: int, end: int) -> None:
+def relive(config: DetectorConfig, m: Memory, start: int, end: int) -> None:
     """Filter and bank, which stand at step `start`, once more up to `end`."""
-    b = m.bank
     m.restart_bank(start)
     for step in range(start + 1, end + 1):
         entry = m.history.entries[step % RING]
-        m.history.none[step % RING] = process.step(
-            setup.c, setup.walk, m.x, m.P, entry, m.A, m.K, m.white, m.innovation
-        )
-        bank.advance(setup.c[13], entry, m.A, m.K, m.white, m.innovation, b.effect, b.energy, b.match, b.cross)
+        m.history.no_jump[step % RING] = kernels.filter_step(config.model, m.x, m.P, entry, m.result)
+        kernels.advance_bank(config.model.level_gain_V_cm, entry, m.result, m.bank)
         m.open_slot(step)

@@ -17,7 +17,7 @@ from hil.core.types import Measurement
 
 STUCK_ODDS, DOUBTFUL_ODDS = 1e11, 1e3
 LONGER_THAN_EVER = 2
-LONGEST_RUN = 100
+MAX_RUN = 100
 """If a sound sensor may well repeat itself so often, the test says nothing."""
 
 OPEN_RUN = 3
@@ -35,13 +35,13 @@ JUMPY_RATIO = 12.0
 
 NOISY_PERIODS = 3
 CALM_RATIO = 2.0
-LEAST_VARIANCE_V2 = 1e-8
+MIN_VARIANCE_V2 = 1e-8
 GARBAGE_V, GARBAGE_RATIO = 0.3, 16.0
 """Noise above this is no signal at all, V rms; unless the sensor was known for noise, of which this is a bad moment."""
 
 
 @dataclass(slots=True)
-class Channel:
+class SensorStatistics:
     """What has been learned of one sensor; changes in place.
 
     variance_V2 : of one reading, as learned. repeat_share : how often a reading equals the one before.
@@ -74,7 +74,7 @@ class Channel:
         if is_used and run <= self.last_run:
             self.longest_run = max(self.longest_run, self.last_run)
         self.last_run = run
-        sound_V2 = max(self.variance_V2, LEAST_VARIANCE_V2)
+        sound_V2 = max(self.variance_V2, MIN_VARIANCE_V2)
         if jitter > NOISY_JITTER * sound_V2:
             self.noisy_periods += 1
             self.newest_V2 = JITTER_TO_VARIANCE * jitter
@@ -90,12 +90,12 @@ class Channel:
     def is_stuck(self, measurement: Measurement, index: int) -> bool:
         """Whether the run of equal readings is too long for chance."""
         run = self._stuck_run()
-        return run <= LONGEST_RUN and measurement.repeats[index] >= run
+        return run <= MAX_RUN and measurement.repeats[index] >= run
 
     def may_be_stuck(self, measurement: Measurement, index: int) -> bool:
         """Whether the run of equal readings makes one wait for the next ones."""
         run = max(self._run_beyond(DOUBTFUL_ODDS), self.longest_run)
-        return self._stuck_run() <= LONGEST_RUN and measurement.repeats[index] >= run
+        return self._stuck_run() <= MAX_RUN and measurement.repeats[index] >= run
 
     def _stuck_run(self) -> float:
         return max(self._run_beyond(STUCK_ODDS), LONGER_THAN_EVER * self.longest_run)
@@ -123,4 +123,4 @@ class Channel:
 
     def is_calm(self) -> bool:
         """Whether a sensor once called noisy is as quiet as before."""
-        return self.sound_V2 > 0.0 and self.variance_V2 < CALM_RATIO * max(self.sound_V2, LEAST_VARIANCE_V2)
+        return self.sound_V2 > 0.0 and self.variance_V2 < CALM_RATIO * max(self.sound_V2, MIN_VARIANCE_V2)

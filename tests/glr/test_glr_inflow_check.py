@@ -7,7 +7,7 @@ from hil.core.diagnosis.glr.memory import Memory
 from hil.core.types import Pair
 from tests.glr.glr_bench import DETECTOR, NO_ESTIMATE, PERIOD_S, Plant
 
-SETUP = DETECTOR._setup
+CONFIG = DETECTOR.config
 
 
 def watched(seed: int, pump_V: Pair, effectiveness: list[float] | Pair, steps: int = 14, before: int = 30) -> Memory:
@@ -28,25 +28,25 @@ def watched(seed: int, pump_V: Pair, effectiveness: list[float] | Pair, steps: i
 def test_a_pump_without_water_is_missed_within_a_second_and_a_half_and_a_weak_one_is_not(seed: int, pump: int) -> None:
     none, weak = [1.0, 1.0], [1.0, 1.0]
     none[pump], weak[pump] = 0.0, 0.4
-    assert inflow_check.is_missing(SETUP, watched(seed, (3.0, 3.0), none), pump)
-    assert not inflow_check.is_missing(SETUP, watched(seed, (3.0, 3.0), none), 1 - pump)
-    assert not inflow_check.is_missing(SETUP, watched(seed, (3.0, 3.0), weak), pump)
-    assert not inflow_check.is_missing(SETUP, watched(seed, (3.0, 3.0), (1.0, 1.0)), pump)
+    assert inflow_check.is_missing(CONFIG, watched(seed, (3.0, 3.0), none), pump)
+    assert not inflow_check.is_missing(CONFIG, watched(seed, (3.0, 3.0), none), 1 - pump)
+    assert not inflow_check.is_missing(CONFIG, watched(seed, (3.0, 3.0), weak), pump)
+    assert not inflow_check.is_missing(CONFIG, watched(seed, (3.0, 3.0), (1.0, 1.0)), pump)
 
 
 def test_of_a_pump_at_rest_or_a_tank_without_readings_nothing_is_said() -> None:
-    assert not inflow_check.is_missing(SETUP, watched(1, (1.0, 3.0), (0.0, 1.0)), 0)
+    assert not inflow_check.is_missing(CONFIG, watched(1, (1.0, 3.0), (0.0, 1.0)), 0)
     memory = watched(1, (3.0, 3.0), (0.0, 1.0))
     for row in memory.history.entries:
         row[2 + 3] = math.nan
-    assert not inflow_check.is_missing(SETUP, memory, 0)
+    assert not inflow_check.is_missing(CONFIG, memory, 0)
     memory = watched(1, (3.0, 3.0), (0.0, 1.0))
     memory.usable[3] = False
-    assert not inflow_check.is_missing(SETUP, memory, 0)
-    assert not inflow_check.is_missing(SETUP, watched(1, (3.0, 3.0), (0.0, 1.0), steps=3, before=3), 0)
+    assert not inflow_check.is_missing(CONFIG, memory, 0)
+    assert not inflow_check.is_missing(CONFIG, watched(1, (3.0, 3.0), (0.0, 1.0), steps=3, before=3), 0)
 
 
 def test_periods_without_readings_leave_the_others_to_judge() -> None:
     memory = watched(2, (3.0, 3.0), (0.0, 1.0))
     memory.history.entries[::2, 2 + 3] = math.nan
-    assert inflow_check.is_missing(SETUP, memory, 0)
+    assert inflow_check.is_missing(CONFIG, memory, 0)

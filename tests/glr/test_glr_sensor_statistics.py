@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from hil.core.diagnosis.glr.sensor_statistics import LONGEST_RUN, Channel
+from hil.core.diagnosis.glr.sensor_statistics import MAX_RUN, SensorStatistics
 from hil.core.types import Measurement
 
 STEP_V = 0.0025
@@ -33,13 +33,13 @@ class Sensor:
         return Measurement((mean,) * 4, (True,) * 4, 0.0, READINGS, (variance,) * 4, (jitter,) * 4, (self.repeats,) * 4)
 
 
-def watch(sensor: Sensor, channel: Channel, levels_V: npt.NDArray[np.float64]) -> list[int]:
-    """The periods in which the channel calls the sensor stuck."""
+def watch(sensor: Sensor, statistics: SensorStatistics, levels_V: npt.NDArray[np.float64]) -> list[int]:
+    """The periods in which the statistics calls the sensor stuck."""
     stuck = []
     for number, level_V in enumerate(levels_V):
         measurement = sensor.period(float(level_V))
-        channel.learn(measurement, 0, is_used=True)
-        if channel.is_stuck(measurement, 0):
+        statistics.learn(measurement, 0, is_used=True)
+        if statistics.is_stuck(measurement, 0):
             stuck.append(number)
     return stuck
 
@@ -52,61 +52,61 @@ def wandering(periods: int) -> npt.NDArray[np.float64]:
 @pytest.mark.parametrize("noise_V", [0.002, 0.005, 0.0075, 0.05])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_sound_sensor_is_never_called_stuck(noise_V: float, seed: int) -> None:
-    assert watch(Sensor(noise_V, seed), Channel(FILE_NOISE_V**2), wandering(20_000)) == []
+    assert watch(Sensor(noise_V, seed), SensorStatistics(FILE_NOISE_V**2), wandering(20_000)) == []
 
 
 @pytest.mark.parametrize(("noise_V", "within"), [(0.002, 14), (0.005, 4), (0.0075, 4), (0.05, 4)])
 def test_a_stuck_one_is_found_within_some_periods(noise_V: float, within: int) -> None:
-    sensor, channel = Sensor(noise_V, 3), Channel(FILE_NOISE_V**2)
-    assert watch(sensor, channel, wandering(1000)) == []
+    sensor, statistics = Sensor(noise_V, 3), SensorStatistics(FILE_NOISE_V**2)
+    assert watch(sensor, statistics, wandering(1000)) == []
     sensor.stuck_V = sensor.last
-    found = watch(sensor, channel, np.full(within, 5.0))
+    found = watch(sensor, statistics, np.full(within, 5.0))
     assert found
     assert found[0] < within
     assert found == list(range(found[0], within)), "once found it stays"
 
 
 def test_before_a_sensor_is_called_stuck_it_is_doubtful() -> None:
-    sensor, channel = Sensor(0.005, 4), Channel(FILE_NOISE_V**2)
-    watch(sensor, channel, wandering(500))
+    sensor, statistics = Sensor(0.005, 4), SensorStatistics(FILE_NOISE_V**2)
+    watch(sensor, statistics, wandering(500))
     sensor.stuck_V = sensor.last
     doubtful, stuck = [], []
     for number in range(4):
         measurement = sensor.period(5.0)
-        channel.learn(measurement, 0, is_used=True)
-        doubtful.append(channel.may_be_stuck(measurement, 0))
-        stuck.append(channel.is_stuck(measurement, 0))
+        statistics.learn(measurement, 0, is_used=True)
+        doubtful.append(statistics.may_be_stuck(measurement, 0))
+        stuck.append(statistics.is_stuck(measurement, 0))
         assert doubtful[number] or not stuck[number]
     assert doubtful.index(True) < stuck.index(True)
 
 
 def test_a_sensor_without_noise_is_not_judged() -> None:
-    sensor, channel = Sensor(0.0, 5), Channel(FILE_NOISE_V**2)
-    watch(sensor, channel, np.linspace(5.0, 5.2, 400))
-    stuck = watch(sensor, channel, np.full(LONGEST_RUN, 5.2))
+    sensor, statistics = Sensor(0.0, 5), SensorStatistics(FILE_NOISE_V**2)
+    watch(sensor, statistics, np.linspace(5.0, 5.2, 400))
+    stuck = watch(sensor, statistics, np.full(MAX_RUN, 5.2))
     assert stuck == []
 
 
 def test_a_run_as_long_as_one_before_it_is_no_news() -> None:
     """A quiet signal repeats itself for as long as it lies in the middle of a code, however rarely it did before."""
-    sensor, channel = Sensor(0.005, 6), Channel(FILE_NOISE_V**2)
-    watch(sensor, channel, wandering(300))
-    channel.longest_run = 30
+    sensor, statistics = Sensor(0.005, 6), SensorStatistics(FILE_NOISE_V**2)
+    watch(sensor, statistics, wandering(300))
+    statistics.longest_run = 30
     sensor.stuck_V = sensor.last
-    found = watch(sensor, channel, np.full(20, 5.0))
+    found = watch(sensor, statistics, np.full(20, 5.0))
     assert 2 * 30 <= READINGS * (found[0] + 1) < 2 * 30 + 2 * READINGS
 
 
 @pytest.mark.parametrize("noise_V", [0.1, 0.2])
 def test_a_sensor_known_for_its_noise_is_not_nonsense(noise_V: float) -> None:
-    sensor, channel = Sensor(noise_V, 7), Channel(FILE_NOISE_V**2)
+    sensor, statistics = Sensor(noise_V, 7), SensorStatistics(FILE_NOISE_V**2)
     for _ in range(20):
-        channel.learn(sensor.period(5.0), 0, is_used=True)
-        if channel.is_noisy():
-            channel.accept_noise()
+        statistics.learn(sensor.period(5.0), 0, is_used=True)
+        if statistics.is_noisy():
+            statistics.accept_noise()
     for _ in range(5000):
-        channel.learn(sensor.period(5.0), 0, is_used=True)
-        assert not channel.is_garbage()
+        statistics.learn(sensor.period(5.0), 0, is_used=True)
+        assert not statistics.is_garbage()
     sensor.noise_V = 3.0
-    channel.learn(sensor.period(5.0), 0, is_used=True)
-    assert channel.is_garbage()
+    statistics.learn(sensor.period(5.0), 0, is_used=True)
+    assert statistics.is_garbage()

@@ -1,0 +1,150 @@
+"""The process as the diagnosis models it: the layout of the filter's state, and its prediction over one control period.
+
+State, N = 26 numbers; the constants below are the index of the first number of each group:
+
+    h   4  levels, cm                        k    2  pump gains over the rig file's, 1 when nominal
+    p   2  voltages behind the pump lag, V   g    2  valve splits, likewise
+    tau 2  pump lags, likewise               a    4  outlet areas, likewise
+    leak 2  tanks 3, 4: outflow to the floor over what the outlet passes on
+    b   4  sensor biases, V                  d    4  sensor drifts, V/s
+
+Levels follow eq. (1) of Hajiani and Poshtan (2012), see `hil.core.tanks`; p' = (v - p)/(lag_s tau); b' = d. Parameters
+vary as slow random walks. Leaks, biases and drifts have zero variance, and so stay 0, until a fault hypothesis gives
+them some; a leak of tank 1 or 2 is a wider outlet, by the very same equations.
+
+The transition matrix is the identity but for its first six rows, which are kept as A (MOVING, N), and the drifts'
+effect on the biases.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.core.diagnosis.glr.compiled import compiled
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+N = 26
+LEVEL, PUMP, GAIN, SPLIT, LAG, OUTLET, LEAK, BIAS, DRIFT = 0, 4, 6, 8, 10, 12, 16, 18, 22
+
+MOVING = 6
+"""Levels and lagged voltages: the states whose rows of the transition matrix are not the identity's."""
+
+SHALLOW_CM = 0.05
+"""Below this level sqrt(h) is not linearised any more."""
+
+
+class FilterModel(NamedTuple):
+    """The rig file's numbers as the compiled functions need them.
+
+    area_cm2 : (4,). outlet_flow : (4,) a_i sqrt(2 g), so that outflow = outlet_flow sqrt(h), cm3/s. pump_gain_cm3_Vs :
+    (2,). valve_split : (2,). walk : (N,) variance that each state gains in a control period. height_cm : of a tank.
+    """
+
+    area_cm2: Array
+    outlet_flow: Array
+    pump_gain_cm3_Vs: Array
+    valve_split: Array
+    walk: Array
+    lag_s: float
+    level_gain_V_cm: float
+    height_cm: float
+
+
+class MeanPumps(NamedTuple):
+    """The lagged pump voltages, mean of a period: (2,) V each; their derivatives by p and by tau at its start."""
+
+    voltage_V: Array
+    by_p: Array
+    by_lag: Array
+
+
+@compiled
+def predict(model: FilterModel, x: Array, voltage_V: Array, dt: float, A: Array) -> None:
+    """Move the state on by one period, and linearise that.
+
+    x : (N,), changed in place. voltage_V : (2,) applied during the period. dt : s. A : (MOVING, N), written.
+    """
+    A[:, :] = 0.0
+    mean = MeanPumps(np.empty(2), np.empty(2), np.empty(2))
+    _predict_pumps(model, x, voltage_V, dt, A, mean)
+    outflow, slope = np.empty(4), np.empty(4)
+    for i in range(4):
+        h = max(x[LEVEL + i], 0.0)
+        outflow[i] = model.outlet_flow[i] * np.sqrt(h)
+        slope[i] = 0.5 * model.outlet_flow[i] / np.sqrt(max(h, SHALLOW_CM))
+    # midpoint rule for the levels, derivatives at the start of the period
+    rate = np.empty(4)
+    _level_rates(model, x, mean.voltage_V, outflow, rate)
+    _linearise_outflows(model, x, dt, A, outflow, slope)
+    _linearise_inflows(model, x, dt, A, mean)
+    for i in range(4):
+        outflow[i] = model.outlet_flow[i] * np.sqrt(max(x[LEVEL + i] + 0.5 * dt * rate[i], 0.0))
+    _level_rates(model, x, mean.voltage_V, outflow, rate)
+    for i in range(4):
+        x[LEVEL + i] = min(max(x[LEVEL + i] + dt * rate[i], 0.0), model.height_cm)
+        x[BIAS + i] += dt * x[DRIFT + i]
+
+
+@compiled
+def _predict_pumps(model: FilterModel, x: Array, voltage_V: Array, dt: float, A: Array, mean: MeanPumps) -> None:
+    """The pump lag, exact over the period; writes the arrays of `mean`."""
+    for j in range(2):
+        tau = model.lag_s * x[LAG + j]
+        decay = np.exp(-dt / tau)
+        share = (1.0 - decay) * tau / dt
+        gap = x[PUMP + j] - voltage_V[j]
+        mean.voltage_V[j] = voltage_V[j] + gap * share
+        mean.by_p[j] = share
+        mean.by_lag[j] = gap * model.lag_s * ((1.0 - decay) / dt - decay / tau)
+        x[PUMP + j] = voltage_V[j] + gap * decay
+        A[PUMP + j, PUMP + j] = decay
+        A[PUMP + j, LAG + j] = gap * decay * dt / (tau * tau) * model.lag_s
+
+
+@compiled
+def _level_rates(model: FilterModel, x: Array, mean_V: Array, outflow: Array, rate: Array) -> None:
+    """Eq. (1). outflow : (4,) of clean outlets, cm3/s. rate : (4,) cm/s, written."""
+    area, gain, split = model.area_cm2, model.pump_gain_cm3_Vs, model.valve_split
+    q1, q2 = gain[0] * x[GAIN] * mean_V[0], gain[1] * x[GAIN + 1] * mean_V[1]
+    g1, g2 = split[0] * x[SPLIT], split[1] * x[SPLIT + 1]
+    o1, o2 = x[OUTLET] * outflow[0], x[OUTLET + 1] * outflow[1]
+    o3, o4 = x[OUTLET + 2] * outflow[2], x[OUTLET + 3] * outflow[3]
+    rate[0] = (o3 - o1 + g1 * q1) / area[0]
+    rate[1] = (o4 - o2 + g2 * q2) / area[1]
+    rate[2] = ((1.0 - g2) * q2 - o3 - x[LEAK] * outflow[2]) / area[2]
+    rate[3] = ((1.0 - g1) * q1 - o4 - x[LEAK + 1] * outflow[3]) / area[3]
+
+
+@compiled
+def _linearise_outflows(model: FilterModel, x: Array, dt: float, A: Array, outflow: Array, slope: Array) -> None:
+    """Rows of the levels, 1 + dt d(rate)/dx: by levels, outlets and leaks. slope : (4,) d(outflow)/dh."""
+    for i in range(4):
+        over = dt / model.area_cm2[i]
+        own = x[OUTLET + i] + (x[LEAK + i - 2] if i >= 2 else 0.0)
+        A[i, i] = 1.0 - over * own * slope[i]
+        A[i, OUTLET + i] = -over * outflow[i]
+    for lower in range(2):
+        upper = lower + 2
+        over = dt / model.area_cm2[lower]
+        A[lower, upper] = over * x[OUTLET + upper] * slope[upper]
+        A[lower, OUTLET + upper] = over * outflow[upper]
+        A[upper, LEAK + lower] = -dt / model.area_cm2[upper] * outflow[upper]
+
+
+@compiled
+def _linearise_inflows(model: FilterModel, x: Array, dt: float, A: Array, mean: MeanPumps) -> None:
+    """Rows of the levels: by lagged voltages, lags, gains and splits."""
+    for j in range(2):
+        split = model.valve_split[j] * x[SPLIT + j]
+        far = 3 - j
+        for i, share, sign in ((j, split, 1.0), (far, 1.0 - split, -1.0)):
+            flow = dt / model.area_cm2[i] * model.pump_gain_cm3_Vs[j]
+            A[i, PUMP + j] = flow * share * x[GAIN + j] * mean.by_p[j]
+            A[i, LAG + j] = flow * share * x[GAIN + j] * mean.by_lag[j]
+            A[i, GAIN + j] = flow * share * mean.voltage_V[j]
+            A[i, SPLIT + j] = sign * flow * model.valve_split[j] * x[GAIN + j] * mean.voltage_V[j]
