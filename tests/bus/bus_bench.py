@@ -13,6 +13,7 @@ import can
 from firmware_sim.links import SlcanLink, listen, open_pty
 from firmware_sim.slcan_port import Channel, SlcanPort
 from hil.edge.can.bus import BusAddress, BusPort
+from tests.waiting import wait_for
 
 IDS = (0x201, 0x181, 0x182, 0x282, 0x701, 0x702)
 LEVELS_ID, STATUS_ID, COMMAND_ID, FOREIGN_ID = 0x182, 0x181, 0x201, 0x333
@@ -60,14 +61,6 @@ def next_frame(port: BusPort, timeout_s: float = 2.0) -> can.Message | None:
         if message is not None:
             return message
     return None
-
-
-def wait_for(condition: Callable[[], bool], timeout_s: float = 5.0) -> bool:
-    end_s = time.monotonic() + timeout_s
-    while not (result := condition()):
-        assert time.monotonic() < end_s, "did not happen in time"
-        time.sleep(0.002)
-    return result
 
 
 class VirtualFar:

@@ -17,10 +17,10 @@ from tests.bus.bus_bench import (
     closing,
     frame,
     next_frame,
-    wait_for,
 )
 from tests.narrowing import not_none
 from tests.socketcan.kernel_links import KernelFar
+from tests.waiting import wait_for
 
 FARS = {
     "virtual": lambda request: VirtualFar(request.node.name),

@@ -25,9 +25,9 @@ from tests.bus.bus_bench import (
     closing,
     line,
     next_frame,
-    wait_for,
 )
 from tests.narrowing import not_none
+from tests.waiting import wait_for
 
 GOOD = b"\x11\x22\x33\x44\x55\x66\x77"
 

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.strategies._internal.core import DataObject
 
 from hil.edge.can.slcan_lines import MAX_LINE_BYTES, LineReader, Reject, frame_line, parse_frame
+from tests.any_frame import frames
 from tests.bus.bus_bench import GARBAGE
 from tools.fuzz import targets
 
@@ -45,19 +46,6 @@ BITS = st.binary(max_size=40) | st.sampled_from(
     ]
 )
 STREAMS = st.lists(BITS, max_size=40).map(b"".join)
-
-
-@st.composite
-def frames(draw) -> Message:
-    is_extended, is_remote = draw(st.booleans()), draw(st.booleans())
-    data = b"" if is_remote else draw(st.binary(max_size=8))
-    return Message(
-        arbitration_id=draw(st.integers(0, 0x1FFFFFFF if is_extended else 0x7FF)),
-        is_extended_id=is_extended,
-        is_remote_frame=is_remote,
-        dlc=draw(st.integers(0, 8)) if is_remote else len(data),
-        data=data,
-    )
 
 
 def told(frame: Message | None) -> tuple[int, bool, bool, int, bytes]:

@@ -89,6 +89,12 @@ def story(
     return {**made, **tables}
 
 
+def watched(*faults: dict[str, Any], duration_s: float = 45.0, **tables: Any) -> dict[str, Any]:
+    """A scenario with the diagnosis at work, on a rig that is not what its file says, with references that move."""
+    tables = {"emulator": {"parameter_spread": 0.03}} | tables
+    return story(*faults, duration_s=duration_s, method="glr", references=MOVING, **tables)
+
+
 class Keeper(Observer):
     """A recorder that keeps everything, beside what a campaign looks at."""
 

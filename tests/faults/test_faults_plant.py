@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.faults.faults_bench import MOVING, RIM_CM, assert_no_trip, fault, first, play, story
+from tests.faults.faults_bench import RIM_CM, assert_no_trip, fault, first, play, story, watched
 from tests.narrowing import not_none
 
 AT_S = 25.0
@@ -11,17 +11,11 @@ SPLIT = (0.70, 0.60)
 PUMP_KINDS = ("pump_effectiveness", "pump_dead", "pump_stuck_on", "pump_lag")
 
 
-def watched(*faults, duration_s: float = 60.0, **more):
-    """Diagnosed, on a rig that is not what its file says, with references that move."""
-    tables = {"emulator": {"parameter_spread": 0.03}} | more
-    return story(*faults, duration_s=duration_s, method="glr", references=MOVING, **tables)
-
-
 @pytest.mark.parametrize("share", first(1, 0.5, 0.2, 1.0))
 @pytest.mark.parametrize("tank", TANKS)
 def test_case_41_leak(tank: int, share: float) -> None:
     """A leak is called one within 20 s, and never a pump's fault."""
-    run = play(watched(fault("leak", AT_S, tank, share)))
+    run = play(watched(fault("leak", AT_S, tank, share), duration_s=60.0))
     assert_no_trip(run)
     assert not_none(run.finding(f"leak {tank}").isolated_s) <= AT_S + 20.0, run.told
     assert not [name for name in run.names if name.startswith(PUMP_KINDS)]

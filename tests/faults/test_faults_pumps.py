@@ -6,7 +6,6 @@ import pytest
 
 from hil.core.types import Mode
 from tests.faults.faults_bench import (
-    MOVING,
     T_S,
     TIME_TOLERANCE_S,
     assert_no_trip,
@@ -15,6 +14,7 @@ from tests.faults.faults_bench import (
     first,
     play,
     story,
+    watched,
 )
 
 AT_S = 25.0
@@ -23,12 +23,6 @@ LEVEL_MAX_CM = 19.0
 RATE_V_S = 20.0
 LIMIT_V = 4.0
 DWELL_S = 10.0
-
-
-def watched(*faults, duration_s: float = 45.0, **more):
-    """Diagnosed, on a rig that is not what its file says, with references that move."""
-    tables = {"emulator": {"parameter_spread": 0.03}} | more
-    return story(*faults, duration_s=duration_s, method="glr", references=MOVING, **tables)
 
 
 @pytest.mark.parametrize("lost", first(4, 0.1, 0.2, 0.6, 0.9, 0.3, 0.4, 0.5, 0.7, 0.8))

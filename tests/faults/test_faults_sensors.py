@@ -9,7 +9,6 @@ import pytest
 
 from hil.core.types import Diagnosis, Mode
 from tests.faults.faults_bench import (
-    MOVING,
     OFF,
     T_S,
     TIME_TOLERANCE_S,
@@ -20,6 +19,7 @@ from tests.faults.faults_bench import (
     first,
     play,
     story,
+    watched,
 )
 from tests.narrowing import not_none
 
@@ -27,12 +27,6 @@ AT_S = 25.0
 SENSORS = (1, 2, 3, 4)
 GAIN_V_CM = 0.5
 SAMPLE_S = 0.02
-
-
-def watched(*faults, duration_s: float = 45.0, **more):
-    """Diagnosed, on a rig that is not what its file says, with references that move."""
-    tables = {"emulator": {"parameter_spread": 0.03}} | more
-    return story(*faults, duration_s=duration_s, method="glr", references=MOVING, **tables)
 
 
 def assert_substituted(run: Run, sensor: int, from_s: float | None) -> None:

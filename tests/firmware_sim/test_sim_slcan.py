@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_sim.slcan_port import LINE_MAX, Channel, SlcanPort, parse_frame
+from tests.any_frame import frames
 from tests.firmware_sim.sim_bench import command
 
 BELL, CR = b"\a", b"\r"
@@ -161,19 +162,6 @@ def test_no_reply_looks_like_a_frame(data: bytes) -> None:
     reply, _ = port_in(OPEN).feed(data + CR)
     for line in reply.replace(BELL, BELL + CR).split(CR):
         assert line[:1] not in (b"t", b"T", b"r", b"R", b"d", b"D", b"b", b"B", b"x")
-
-
-@st.composite
-def frames(draw) -> Message:
-    is_extended, is_remote = draw(st.booleans()), draw(st.booleans())
-    data = b"" if is_remote else draw(st.binary(max_size=8))
-    return Message(
-        arbitration_id=draw(st.integers(0, 0x1FFFFFFF if is_extended else 0x7FF)),
-        is_extended_id=is_extended,
-        is_remote_frame=is_remote,
-        dlc=draw(st.integers(0, 8)) if is_remote else len(data),
-        data=data,
-    )
 
 
 @given(frames())

@@ -6,8 +6,7 @@ import signal
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from firmware_sim.links import listen
 from firmware_sim.slcan_port import SlcanPort
 from tests import fork_server
 from tests.fork_server import ForkedProgram
+from tests.waiting import wait_for
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = ROOT / "config"
@@ -60,14 +60,6 @@ def write_scenario(folder: Path, *, duration: float = 60.0, arm_timeout: float =
     path = folder / "live.toml"
     path.write_text(STORY.format(duration=duration, arm_timeout=arm_timeout))
     return path
-
-
-def wait_for(condition: Callable[[], bool], timeout_s: float = 10.0) -> bool:
-    end_s = time.monotonic() + timeout_s
-    while not (result := condition()):
-        assert time.monotonic() < end_s, "did not happen in time"
-        time.sleep(0.01)
-    return result
 
 
 class Emulator:

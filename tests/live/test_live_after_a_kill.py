@@ -15,9 +15,9 @@ from tests.live.live_bench import (
     emulator,
     hil,
     sent_s,
-    wait_for,
     write_scenario,
 )
+from tests.waiting import wait_for
 
 pytestmark = pytest.mark.live
 

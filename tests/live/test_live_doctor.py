@@ -10,7 +10,8 @@ import pytest
 
 from tests import fork_server
 from tests.fork_server import ForkedProgram
-from tests.live.live_bench import emulator, hil, row, wait_for
+from tests.live.live_bench import emulator, hil, row
+from tests.waiting import wait_for
 
 pytestmark = pytest.mark.live
 LONG_S = 120.0

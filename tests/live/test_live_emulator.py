@@ -8,7 +8,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
@@ -19,6 +19,7 @@ import pytest
 from firmware_sim.settings import load_fingerprint
 from tests.firmware_sim.sim_bench import CONFIG, command
 from tests.fork_server import ForkedProgram
+from tests.waiting import wait_for
 
 pytestmark = pytest.mark.live
 
@@ -77,14 +78,6 @@ def frames_for(bus: can.BusABC, duration_s: float) -> list[can.Message]:
 
 def changes_of(record: Path):
     return [json.loads(line) for line in record.read_text().splitlines()]
-
-
-def wait_for(condition: Callable[[], bool], timeout_s: float = 5.0) -> bool:
-    end_s = time.monotonic() + timeout_s
-    while not (result := condition()):
-        assert time.monotonic() < end_s, "did not happen in time"
-        time.sleep(0.01)
-    return result
 
 
 def test_levels_arrive_and_a_command_is_echoed(transport: str) -> None:

@@ -27,9 +27,9 @@ from tests.live.live_bench import (
     hil,
     lone_adapter,
     sent_s,
-    wait_for,
     write_scenario,
 )
+from tests.waiting import wait_for
 
 pytestmark = pytest.mark.live
 

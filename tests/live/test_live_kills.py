@@ -14,7 +14,8 @@ import pytest
 from hil.core.types import Mode
 from hil.edge.record.run_folder import RunFolder
 from hil.review.ticks import Ticks, read
-from tests.live.live_bench import CONFIG, PLAIN, WATCHDOG_S, Controller, Emulator, controller, emulator, wait_for
+from tests.live.live_bench import CONFIG, PLAIN, WATCHDOG_S, Controller, Emulator, controller, emulator
+from tests.waiting import wait_for
 
 pytestmark = pytest.mark.live
 

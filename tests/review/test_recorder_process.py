@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -23,6 +22,7 @@ from hil.edge.record.run_folder import RunFolder, RunFolderError
 from hil.review.ticks import read_events, read_ticks
 from tests.review import recorder_bench as misbehaving
 from tests.review import toy
+from tests.waiting import wait_for
 
 TEXT_FILES = ("can.log", "sent.log", "ticks.csv", "events.jsonl")
 MS_100 = 0.1
@@ -45,13 +45,6 @@ def play(recorder: Recorder | ProcessRecorder, until_s: float) -> None:
         for frame in toy.frames(record.t_s, index):
             recorder.frame(*frame)
         recorder.tick(record)
-
-
-def wait_for(condition: Callable[[], bool], timeout_s: float = 20.0) -> None:
-    end_s = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < end_s, "did not happen in time"
-        time.sleep(0.01)
 
 
 def test_it_writes_what_the_direct_one_writes(tmp_path: Path) -> None:

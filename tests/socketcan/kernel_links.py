@@ -6,12 +6,12 @@ On a host only interfaces made here are touched: its can0 may be a rig.
 import socket
 import subprocess
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import can
 
 from hil.edge.can.bus import BusAddress, BusPort
+from tests.waiting import wait_for
 
 BITRATE = 500_000
 GUEST = Path("/run/job/command.sh")
@@ -31,14 +31,6 @@ def is_there(name: str) -> bool:
 def is_up(name: str) -> int:
     """By its flags; the state that `ip` shows follows later."""
     return int(Path(f"/sys/class/net/{name}/flags").read_text(), 16) & 1
-
-
-def wait_for(condition: Callable[[], bool], timeout_s: float = 10.0, step_s: float = 0.01) -> bool:
-    end_s = time.monotonic() + timeout_s
-    while not (result := condition()):
-        assert time.monotonic() < end_s, "did not happen in time"
-        time.sleep(step_s)
-    return result
 
 
 class Loop:

@@ -28,7 +28,7 @@ from hil.bench import (
     live_run,  # noqa: F401 - imported before the forks
 )
 from hil.cli import run_display  # noqa: F401 - imported before the forks
-from tests.socketcan.kernel_links import wait_for
+from tests.waiting import wait_for
 
 PERIOD_S = 0.1
 WATCHDOG_S = 0.25

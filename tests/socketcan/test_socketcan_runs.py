@@ -21,8 +21,9 @@ from hil.edge.config.settings_file import default_config_dir
 from hil.wire.command_sender import CommandSender
 from hil.wire.receiver import Receiver
 from tests.bus.bus_bench import IDS
-from tests.socketcan.kernel_links import BITRATE, Cable, Loop, wait_for
+from tests.socketcan.kernel_links import BITRATE, Cable, Loop
 from tests.socketcan.socketcan_bench import OFF, PERIOD_S, WATCHDOG_S, Rig, Run, controller, emulator
+from tests.waiting import wait_for
 
 pytestmark = pytest.mark.socketcan
 
