@@ -12,13 +12,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from hil.core.fault_kinds import FaultKind, fault_kind
 from hil.core.types import UNRESOLVED
 
 TIME_TOLERANCE_S = 1e-6
-PROCESS_FAULTS = ("pump_", "valve_", "leak", "outlet_", "sensor_", "reservoir_")
-"""How the kinds begin that a diagnosis of the process can be asked for; the others are the bus's and the nodes'."""
-
-ALSO_CALLED = {"pump_dead": "pump_effectiveness"}
+ALSO_CALLED: Mapping[str, str] = {FaultKind.PUMP_DEAD: FaultKind.PUMP_EFFECTIVENESS}
 """Kinds that may be told by a more general name."""
 
 
@@ -68,7 +66,8 @@ class Injected:
     @property
     def is_of_the_process(self) -> bool:
         """Whether it lies in pumps, tanks or sensors."""
-        return self.kind.startswith(PROCESS_FAULTS)
+        kind = fault_kind(self.kind)
+        return kind is not None and kind.is_of_the_process
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,6 @@
 """Whatever goes wrong, in any mixture: determinism, limits, and no water made or lost."""
 
 import random
-from typing import get_args
 
 import can
 import pytest
@@ -13,7 +12,7 @@ from firmware_sim.faults.base import FaultTable
 from firmware_sim.faults.catalogue import KINDS
 from firmware_sim.rig import Rig
 from firmware_sim.setting_types import accepts
-from hil.edge.config.scenario_file import FaultKind
+from hil.core.fault_kinds import FaultKind
 from tests.firmware_sim.fault_bench import START, as_bytes, fault
 from tests.firmware_sim.sim_bench import MS, SECOND, command, shipped
 
@@ -136,4 +135,6 @@ def test_any_list_of_faults_keeps_to_the_limits_and_to_the_water(faults, seed: i
 
 
 def test_the_controller_s_scenario_file_knows_the_same_kinds() -> None:
-    assert set(get_args(FaultKind)) == set(KINDS)
+    assert set(FaultKind) == set(KINDS)
+    for kind in FaultKind:
+        assert KINDS[kind].acts_on.startswith(kind.acts_on), kind

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
+from hil.core.fault_kinds import FaultKind
 from hil.edge.config.settings_file import (
     LONGEST_S,
     Finite,
@@ -46,42 +47,6 @@ class Reference(Section):
 
 BypassableName = Literal["echo_mismatch", "error_storm", "dry_run", "pump_dead", "estimator_diverged"]
 
-FaultKind = Literal[
-    "pump_effectiveness",
-    "pump_dead",
-    "pump_stuck_on",
-    "pump_lag",
-    "valve_split",
-    "reservoir_low",
-    "leak",
-    "outlet_block",
-    "sensor_bias",
-    "sensor_drift",
-    "sensor_noise",
-    "sensor_stuck",
-    "sensor_open",
-    "sensor_garbage",
-    "frame_loss",
-    "frame_burst",
-    "frame_delay",
-    "frame_duplicate",
-    "frame_reorder",
-    "frame_corrupt",
-    "counter_stuck",
-    "wrong_length",
-    "wrong_id",
-    "extended_id",
-    "remote_frame",
-    "babble",
-    "foreign_command",
-    "error_frames",
-    "bus_off",
-    "node_reboot",
-    "node_silent",
-    "heartbeat_stop",
-    "clock_jump",
-]
-
 
 class Fault(Section):
     """A fault that the emulator plays; of these the ideal diagnosis knows lost pumps.
@@ -98,20 +63,23 @@ class Fault(Section):
     @property
     def effectiveness(self) -> float | None:
         """What this fault leaves of a pump's gain; None if it is of another kind."""
-        return 0.0 if self.kind == "pump_dead" else self.value if self.kind == "pump_effectiveness" else None
+        if self.kind is FaultKind.PUMP_DEAD:
+            return 0.0
+        return self.value if self.kind is FaultKind.PUMP_EFFECTIVENESS else None
 
     @field_validator("kind", mode="before")
     @classmethod
     def _is_known(cls, kind: Any) -> Any:
-        if kind not in get_args(FaultKind):
-            raise ValueError(f"is none of {' '.join(get_args(FaultKind))}")
-        return kind
+        if not isinstance(kind, str) or kind not in set(FaultKind):
+            raise ValueError(f"is none of {' '.join(FaultKind)}")
+        return FaultKind(kind)
 
     @field_validator("target")
     @classmethod
     def _is_a_number_or_name(cls, target: Any, info: ValidationInfo) -> int | str | None:
         is_number = isinstance(target, int) and not isinstance(target, bool)
-        if info.data.get("kind") in ("pump_effectiveness", "pump_dead") and not (is_number and target in (1, 2)):
+        is_pump_loss = info.data.get("kind") in (FaultKind.PUMP_EFFECTIVENESS, FaultKind.PUMP_DEAD)
+        if is_pump_loss and not (is_number and target in (1, 2)):
             raise ValueError("must be pump 1 or 2")
         if not (is_number or target is None or isinstance(target, str)):
             raise ValueError("must be a whole number or a name")
@@ -120,7 +88,7 @@ class Fault(Section):
     @field_validator("value")
     @classmethod
     def _is_a_share(cls, value: float | None, info: ValidationInfo) -> float | None:
-        if info.data.get("kind") == "pump_effectiveness" and (value is None or not 0.0 <= value <= 1.0):
+        if info.data.get("kind") is FaultKind.PUMP_EFFECTIVENESS and (value is None or not 0.0 <= value <= 1.0):
             raise ValueError("must lie in 0..1")
         return value
 
