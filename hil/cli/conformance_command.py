@@ -1,4 +1,4 @@
-"""`hil conformance`: tests the nodes on a bench; table, JSON, exit code 4 when one does not conform."""
+"""`hil conformance`: tests the nodes of a bench; table, JSON; exit code 4 if one does not conform."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from hil.wire.contract import Contract
 
 @dataclass(frozen=True)
 class ConformanceOptions:
-    """What the command line says; None: as the rig file has it. node : pump, level or both."""
+    """Options of the command line; None: the rig file's value. node : pump, level or both."""
 
     interface: str | None = None
     channel: str | None = None
@@ -36,7 +36,7 @@ class ConformanceOptions:
 
 
 def run(console: Console, options: ConformanceOptions) -> int:
-    """The tests; returns the exit code. Raises SettingsError, BusError, InterruptedByUserError."""
+    """Run the tests; return the exit code. Raises SettingsError, BusError, InterruptedByUserError."""
     rig, contract, address = doctor_command.bench(
         doctor_command.DoctorOptions(options.interface, options.channel, options.bitrate, config_dir=options.config_dir)
     )
@@ -74,7 +74,7 @@ def _refuse_to_overwrite(file: Path | None) -> None:
 def _write(
     file: Path, address: BusAddress, contract: Contract, options: ConformanceOptions, results: list[Result]
 ) -> None:
-    told = {
+    report = {
         "conforms": conforms(results),
         "version": __version__,
         "contract": f"{contract.fingerprint:#010x}",
@@ -83,4 +83,4 @@ def _write(
         "with_pumps": options.with_pumps,
         "results": [asdict(result) for result in results],
     }
-    file.write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+    file.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""`hil doctor`: opens the bus, has the bench examined, shows the table. Exit code 4 when a check failed."""
+"""`hil doctor`: opens the bus, examines the bench, shows the table. Exit code 4 if a check failed."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ LinkReader = Callable[[str], LinkState | None]
 
 
 def kernel_link(name: str) -> LinkState | None:
-    """What the kernel knows of an interface; None when there is none of that name."""
-    from hil.edge.can.socketcan import Link, LinkError  # only now: netlink is nothing to the other buses
+    """State of an interface in the kernel; None if there is none of that name."""
+    from hil.edge.can.socketcan import Link, LinkError  # other buses do not need netlink
 
     try:
         return Link.read(name)
@@ -41,7 +41,7 @@ def kernel_link(name: str) -> LinkState | None:
 
 @dataclass(frozen=True)
 class DoctorOptions:
-    """What the command line says; None: as the rig file has it."""
+    """Options of the command line; None: the rig file's value."""
 
     interface: str | None = None
     channel: str | None = None
@@ -58,7 +58,9 @@ def run(console: Console, options: DoctorOptions, read_link: LinkReader = kernel
     has_link = adapters.find(address.interface).has_kernel_link
     link = read_link(address.channel) if has_link else None
     results = check_link(link, address.channel, address.bitrate, is_socketcan=has_link)
-    console.print(f"Listening for {options.seconds:g} s, then some {COMMANDS_S} s of commands.", highlight=False)
+    console.print(
+        f"Listening for {options.seconds:g} s, then sending commands of 0 V for about {COMMANDS_S} s.", highlight=False
+    )
     results += examined(address, contract, expectations(rig), options)
     results += check_host(read_host_facts(options.runs))
     where = f"{address.interface} {address.channel}"
@@ -80,11 +82,13 @@ def bench(options: DoctorOptions) -> tuple[Rig, Contract, BusAddress]:
 
 
 def examined(address: BusAddress, contract: Contract, wants: Expectations, options: DoctorOptions) -> list[Result]:
-    """The bus opened, the bench examined, the bus closed."""
+    """Open the bus, examine the bench, close the bus."""
     try:
         bus = address.open(contract.ids)
     except BusError as error:
-        return [failed("bus opens", str(error), "is the adapter plugged in, its driver loaded, the link up?")]
+        return [
+            failed("bus opens", str(error), "check that the adapter is plugged in, its driver loaded, and the link up")
+        ]
     with closing(BusPort(bus)) as port, StopSignal() as stop:
         probe = Probe(contract, port, MonotonicClock(), lambda: stop.received.name if stop.received else "")
         with probe:
@@ -95,7 +99,7 @@ def examined(address: BusAddress, contract: Contract, wants: Expectations, optio
 
 
 def expectations(rig: Rig) -> Expectations:
-    """What the rig file leads to expect of the bench."""
+    """The rig file's values for the bench."""
     return Expectations(
         model=rig.tank_model,
         lag_s=rig.pumps.lag_s,
@@ -111,7 +115,7 @@ def expectations(rig: Rig) -> Expectations:
 
 
 def read_host_facts(runs: Path) -> HostFacts:
-    """Of the computer that this runs on."""
+    """Values of this computer."""
     free, folder = host_facts.disk_free(runs)
     return HostFacts(
         clock_step_s=host_facts.clock_step_s(),

@@ -1,4 +1,4 @@
-"""The table of a check-up: what was checked, how it went, what was found and what to do."""
+"""The table of results: check, verdict, what was found and what to do."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ STYLES = {Verdict.PASS: "green", Verdict.WARN: "yellow", Verdict.FAIL: "bold red
 
 
 def table(title: str, results: Sequence[Result]) -> Table:
-    """One row a result."""
-    drawn = Table(title=title, title_justify="left", expand=False)
+    """One row for each result."""
+    rows = Table(title=title, title_justify="left", expand=False)
     for heading in ("check", "", "found, and what to do"):
-        drawn.add_column(heading, overflow="fold")
+        rows.add_column(heading, overflow="fold")
     for result in results:
         mark = f"[{STYLES[result.verdict]}]{result.verdict.value}[/]"
         advice = f"\n[bold]→[/] {escape(result.advice)}" if result.advice else ""
-        drawn.add_row(escape(result.check), mark, escape(result.found) + advice)
-    return drawn
+        rows.add_row(escape(result.check), mark, escape(result.found) + advice)
+    return rows
 
 
 def tally(results: Sequence[Result]) -> str:
-    """How many went how."""
+    """Number of results by verdict."""
     counts = {verdict: sum(result.verdict is verdict for result in results) for verdict in Verdict}
     return ", ".join(f"{count} {verdict.value}" for verdict, count in counts.items() if count)

@@ -1,4 +1,4 @@
-"""What the pump node does when its power comes back. Somebody has to switch it off and on."""
+"""The pump node after its power returns. A person has to switch it off and on."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from hil.probe.observation import HEARTBEATS, STATUS
 
 HEARTBEAT = HEARTBEATS["pump node"]
 SETTLE_S = 2.0
-"""A node is up by then."""
+"""Time for a node to boot."""
 
 
 def boots_at_rest(probe: Probe, within_s: float) -> str:
-    """Wait for another boot count; "" when all is as it must be from the first frame on, else what was not."""
+    """Wait for another boot count; return "" if the node is correct from then on, otherwise what is wrong."""
     before = probe.listener.newest(HEARTBEAT)
     if before is None:
         return "no heartbeat before"
@@ -32,5 +32,5 @@ def boots_at_rest(probe: Probe, within_s: float) -> str:
     if not states or NodeState.RUN in states or states[-1] is not NodeState.READY:
         return f"in state {states[-1].name.lower() if states else '?'} {SETTLE_S:g} s later, must be ready"
     if int(statuses[-1].values["Accepted"]) != 0 or int(statuses[-1].values["TripCause"]) != 0:
-        return "it remembers commands or a trip from before"
+        return "it still has commands or a trip from before"
     return ""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from hil.conformance import boot_tests, command_tests, trip_tests, voltage_tests
-from hil.conformance.dialogue import Dialogue, Question
+from hil.conformance.dialogue import ConformanceTest, Dialogue
 from hil.core.types import NodeState, Pair
 from hil.doctor import check_watchdog
 from hil.doctor.check_frames import check_integrity, check_period
@@ -19,11 +19,11 @@ from hil.probe.result import Result, Verdict, failed, has_failed, not_checked, p
 
 LISTEN_S = 5.0
 PERIOD_TOLERANCE = 0.05
-TRIES = 3
-STILL = 2.0
+MAX_ATTEMPTS = 3
+LATE_PERIODS = 2.0
 SEE = "docs/reference/firmware.md"
 
-COMMANDS: tuple[tuple[str, Question], ...] = (
+COMMANDS: tuple[tuple[str, ConformanceTest], ...] = (
     ("takes valid commands", command_tests.takes_valid),
     ("runs when enabled", command_tests.runs_when_enabled),
     ("takes a newer counter", command_tests.takes_newer),
@@ -40,27 +40,27 @@ COMMANDS: tuple[tuple[str, Question], ...] = (
     ("ignores spare bits", command_tests.ignores_spare_bits),
     ("needs no commands when ready", command_tests.stays_ready),
 )
-TRIPS: tuple[tuple[str, Question], ...] = (
+TRIPS: tuple[tuple[str, ConformanceTest], ...] = (
     ("watchdog is not fed by refused frames", trip_tests.is_not_fed_by_refused),
     ("trip is latched", trip_tests.is_latched),
     ("clearing needs rest", trip_tests.clear_must_be_at_rest),
     ("trip is cleared", trip_tests.clears),
     ("clearing is harmless when ready", trip_tests.clear_is_harmless),
 )
-WITH_PUMPS: tuple[tuple[str, Question], ...] = (
+WITH_PUMPS: tuple[tuple[str, ConformanceTest], ...] = (
     ("applies what is commanded", voltage_tests.applies),
     ("refuses while running", voltage_tests.refuses_while_running),
     ("trips to 0 V", voltage_tests.trips_to_zero),
     ("never moves after a trip", voltage_tests.never_moves_after_a_trip),
 )
-WATCHDOG, AT_ZERO, BOOTS = "watchdog after 250 ms", "waits at 0 V", "does not boot anew"
+WATCHDOG, AT_ZERO, BOOTS = "watchdog after 250 ms", "waits at 0 V", "does not reboot"
 POWER_CYCLE = "boots at 0 V"
 PUMP_FRAMES, LEVEL_NODE_FRAMES = (STATUS, HEARTBEATS["pump node"]), (*LEVEL_FRAMES, HEARTBEATS["level node"])
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What to test. sensor_range_V : of the rig file. power_cycle_s : how long to wait for one by hand; 0: don't."""
+    """What to test. sensor_range_V : of the rig file. power_cycle_s : time to switch a node off and on; 0: no test."""
 
     pump_node: bool
     level_node: bool
@@ -70,106 +70,104 @@ class Plan:
 
 
 def run_suite(probe: Probe, plan: Plan, ask: Callable[[str], None] = lambda _: None) -> list[Result]:
-    """All results. ask : tells whoever stands there what to do. Raises InterruptedByUserError.
-
-    A bus that goes away is a result.
-    """
+    """All results. ask : shows a request to the user. Raises InterruptedByUserError; a bus that fails is a result."""
     results: list[Result] = []
     begin_ns = probe.now_ns
     try:
-        heard = probe.listen(LISTEN_S)
-        if heard.of("PumpCommand"):
-            return [failed("alone on the bus", "somebody else commands the pump node", "stop the other controller")]
+        observed = probe.listen(LISTEN_S)
+        if observed.of("PumpCommand"):
+            return [failed("alone on the bus", "another sender commands the pump node", "stop the other controller")]
         if plan.pump_node:
-            results += _listen(heard, "pump node", PUMP_FRAMES)
-            results += _ask_or_clear(probe, heard, with_pumps=plan.with_pumps)
+            results += _periodic(observed, "pump node", PUMP_FRAMES)
+            results += _command_tests_or_clear(probe, observed, with_pumps=plan.with_pumps)
             results.append(_boots(probe.listener.observed(begin_ns, probe.now_ns), "pump node"))
             if plan.power_cycle_s > 0.0:
                 ask(f"Switch the pump node off and on again, within {plan.power_cycle_s:g} s.")
                 results.append(_power_cycle(probe, plan.power_cycle_s))
         if plan.level_node:
-            results += _listen(heard, "level node", LEVEL_NODE_FRAMES)
-            results += _levels(heard, plan.sensor_range_V)
+            results += _periodic(observed, "level node", LEVEL_NODE_FRAMES)
+            results += _levels(observed, plan.sensor_range_V)
             results.append(_boots(probe.listener.observed(begin_ns, probe.now_ns), "level node"))
     except ProbeError as error:
         results.append(
-            failed(
-                "conformance test", f"broken off: {error}", "look at adapter, cable, node, and who else is on the bus"
-            )
+            failed("conformance test", f"stopped: {error}", "check adapter, cable, node, and other senders on the bus")
         )
     return results
 
 
-def _listen(heard: Observation, node: str, frames: tuple[str, ...]) -> list[Result]:
+def _periodic(observed: Observation, node: str, frames: tuple[str, ...]) -> list[Result]:
     """Periods, counters and CRCs of a node's frames, and its contract."""
     results = []
     for name in frames:
-        results += [check_period(heard, name, PERIOD_TOLERANCE), _whole(heard, name)]
-    return [*results, check_contract(heard, node, HEARTBEATS[node])]
+        results += [check_period(observed, name, PERIOD_TOLERANCE), _intact(observed, name)]
+    return [*results, check_contract(observed, node, HEARTBEATS[node])]
 
 
-def _whole(heard: Observation, name: str) -> Result:
-    """CAN has a CRC of its own: a frame that ours refuses was sent like that. Lost ones may be the host's fault."""
-    result = check_integrity(heard, name)
-    is_wrong = result.verdict is Verdict.WARN and heard.refused(name).total() > 0
-    return failed(result.check, result.found, SEE) if is_wrong else result
+def _intact(observed: Observation, name: str) -> Result:
+    """CAN has a CRC of its own, so a refused frame was sent wrong. Lost frames can be the computer's fault."""
+    result = check_integrity(observed, name)
+    is_wrong = result.verdict is Verdict.WARN and observed.refused(name).total() > 0
+    if not is_wrong:
+        return result
+    advice = f"{SEE}; {result.advice}" if observed.wrong_lengths(name) else SEE
+    return failed(result.check, result.found, advice)
 
 
-def _ask_or_clear(probe: Probe, heard: Observation, *, with_pumps: bool) -> list[Result]:
-    """Whoever interrupts it finds the node ready, at 0 V, and not in the midst of a trip."""
+def _command_tests_or_clear(probe: Probe, observed: Observation, *, with_pumps: bool) -> list[Result]:
+    """After an interruption the node is ready, at 0 V, and not tripped."""
     try:
-        return _ask(probe, heard, with_pumps=with_pumps)
+        return _command_tests(probe, observed, with_pumps=with_pumps)
     except InterruptedByUserError:
         probe.command(clear=True)
         raise
 
 
-def _ask(probe: Probe, heard: Observation, *, with_pumps: bool) -> list[Result]:
-    """Everything that takes commands."""
-    results = [_waits(heard)]
+def _command_tests(probe: Probe, observed: Observation, *, with_pumps: bool) -> list[Result]:
+    """All tests that need commands."""
+    results = [_waits(observed)]
     if has_failed(results):
-        return [*results, not_checked("all that takes commands", "the pump node does not wait at 0 V")]
+        return [*results, not_checked("all tests with commands", "the pump node does not wait at 0 V")]
     node = Dialogue(probe)
-    results += [_asked(node, name, question) for name, question in COMMANDS]
+    results += [_run_test(node, name, test) for name, test in COMMANDS]
     results.append(_watchdog(node))
-    results += [_asked(node, name, question) for name, question in TRIPS]
+    results += [_run_test(node, name, test) for name, test in TRIPS]
     if with_pumps:
-        for name, question in WITH_PUMPS:
+        for name, test in WITH_PUMPS:
             if has_failed(results):
                 results.append(not_checked(name, "no pump is moved after a failed test"))
             else:
-                results.append(_asked(node, name, question))
+                results.append(_run_test(node, name, test))
     node.settle()
     return results
 
 
 def _power_cycle(probe: Probe, within_s: float) -> Result:
-    """Off and on again: it boots at 0 V with the next boot count and nothing accepted, and waits to be commanded."""
+    """Off and on again: it boots at 0 V with the next boot count and nothing accepted, and waits for commands."""
     wrong = boot_tests.boots_at_rest(probe, within_s)
-    return failed(POWER_CYCLE, wrong, SEE) if wrong else passed(POWER_CYCLE, "as it must")
+    return failed(POWER_CYCLE, wrong, SEE) if wrong else passed(POWER_CYCLE, "correct")
 
 
-def _asked(node: Dialogue, name: str, question: Question) -> Result:
-    """Ask; and again when host, bus or node stood still meanwhile, which spoils what is meant to come in time."""
+def _run_test(node: Dialogue, name: str, test: ConformanceTest) -> Result:
+    """Run a test; repeat it if status frames were late meanwhile: then the test's own frames may be late too."""
     wrong = ""
-    for number in range(TRIES):
+    for number in range(MAX_ATTEMPTS):
         begin_ns = node.probe.now_ns
-        wrong = question(node) if node.settle() else "the node can't be brought to ready"
+        wrong = test(node) if node.settle() else "the node can't be brought to ready"
         if not wrong and number:
-            found = f"as it must at try {number + 1}; status frames stood still before that"
-            return warned(name, found, "a busy host or bus, or the node itself: look again")
+            found = f"correct at attempt {number + 1}; status frames were late before"
+            return warned(name, found, "the computer, the bus or the node is busy: test again")
         if not wrong:
-            return passed(name, "as it must")
-        if not _stood_still(node.probe.listener.observed(begin_ns, node.probe.now_ns)):
+            return passed(name, "correct")
+        if not _had_late_status(node.probe.listener.observed(begin_ns, node.probe.now_ns)):
             return failed(name, wrong, SEE)
-    return failed(name, f"{wrong} (status frames came unevenly, {TRIES} times)", SEE)
+    return failed(name, f"{wrong} (status frames were late, {MAX_ATTEMPTS} times)", SEE)
 
 
-def _stood_still(seen: Observation) -> bool:
+def _had_late_status(seen: Observation) -> bool:
     """Whether more than two status periods passed without a status frame."""
     cycle_ns = seen.contract.frames[STATUS].cycle_s * 1e9
     times_ns = [seen.begin_ns, *(status.t_ns for status in seen.of(STATUS)), seen.end_ns]
-    return max(b - a for a, b in pairwise(times_ns)) > STILL * cycle_ns
+    return max(b - a for a, b in pairwise(times_ns)) > LATE_PERIODS * cycle_ns
 
 
 def _watchdog(node: Dialogue) -> Result:
@@ -178,9 +176,9 @@ def _watchdog(node: Dialogue) -> Result:
     return check_watchdog.check_watchdog(check_watchdog.measure(node.probe), WATCHDOG)
 
 
-def _waits(heard: Observation) -> Result:
+def _waits(observed: Observation) -> Result:
     """Ready or tripped, both outputs at 0 V, in every status frame."""
-    statuses = heard.of(STATUS)
+    statuses = observed.of(STATUS)
     if not statuses:
         return failed(AT_ZERO, "no PumpStatus", SEE)
     states = {NodeState(int(status.values["State"])) for status in statuses}
@@ -192,7 +190,7 @@ def _waits(heard: Observation) -> Result:
 
 
 def _boots(seen: Observation, node: str) -> Result:
-    """One boot count all the time."""
+    """The boot count does not change."""
     name = f"{node} {BOOTS}"
     counts = [int(beat.values["BootCount"]) for beat in seen.of(HEARTBEATS[node])]
     if not counts:
@@ -202,16 +200,16 @@ def _boots(seen: Observation, node: str) -> Result:
     return passed(name, f"boot count {counts[0]} in {len(counts)} heartbeats")
 
 
-def _levels(heard: Observation, range_V: Pair) -> list[Result]:
-    """The level node runs; each reading is in range and its channel's status says so."""
-    beat = heard.last(HEARTBEATS["level node"])
+def _levels(observed: Observation, range_V: Pair) -> list[Result]:
+    """The level node runs; each reading is in range with status OK."""
+    beat = observed.last(HEARTBEATS["level node"])
     state = None if beat is None else NodeState(int(beat.values["State"]))
     word = "no heartbeat" if state is None else state.name.lower()
     runs = passed("level node runs", word) if state is NodeState.RUN else failed("level node runs", word, SEE)
     results = [runs]
     for name, tanks in LEVEL_FRAMES.items():
         for tank in tanks:
-            arrivals = heard.of(name)
+            arrivals = observed.of(name)
             readings_V = [arrival.values[f"Level{tank}"] for arrival in arrivals]
             statuses = [int(arrival.values[f"Status{tank}"]) for arrival in arrivals]
             results.append(check_range(tank, readings_V, statuses, range_V))
@@ -219,5 +217,5 @@ def _levels(heard: Observation, range_V: Pair) -> list[Result]:
 
 
 def conforms(results: list[Result]) -> bool:
-    """Whether nothing has failed and nothing was left out."""
+    """Whether no test failed and none was left out."""
     return all(result.verdict in (Verdict.PASS, Verdict.WARN) for result in results)

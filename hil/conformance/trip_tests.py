@@ -1,4 +1,4 @@
-"""The watchdog's trip: by what it is not fed, that it is latched, and what alone clears it. All at 0 V."""
+"""The watchdog's trip: which frames do not prevent it, that it is latched, and how it is cleared. All at 0 V."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ LATCHED_S = 1.0
 
 
 def is_not_fed_by_refused(node: Dialogue) -> str:
-    """Running, it gets nothing but refused frames of one kind: its watchdog has to trip all the same.
+    """While it runs, it receives only refused frames of one kind: its watchdog must trip.
 
-    Their counters differ, so that a node that took one by mistake would take the next one, too.
+    Their counters differ, so that a node that accepts one by mistake also accepts the next one.
     """
     kinds: dict[str, Callable[[int], CommandFrame]] = {
         "a wrong CRC": lambda number: CommandFrame(_body_and_crc(node, number, 0xFF)),
@@ -29,7 +29,7 @@ def is_not_fed_by_refused(node: Dialogue) -> str:
     for what, made in kinds.items():
         if not node.settle():
             return "the node can't be brought to ready"
-        node.say(node.valid(enable=True))
+        node.send(node.valid(enable=True))
         sent_ns = node.probe.send(node.valid(enable=True).data)
         for number in range(FRAMES):
             node.probe.listen(FEED_S)
@@ -38,7 +38,7 @@ def is_not_fed_by_refused(node: Dialogue) -> str:
         status = node.probe.listener.observed(sent_ns, node.probe.now_ns).last(STATUS)
         state = None if status is None else NodeState(int(status.values["State"]))
         if state is not TRIPPED:
-            return f"still in state {state.name.lower() if state is not None else '?'}: fed by {what}"
+            return f"still in state {state.name.lower() if state is not None else '?'}: {what} prevents the trip"
     return ""
 
 
@@ -48,34 +48,34 @@ def _body_and_crc(node: Dialogue, ahead: int, flip: int = 0) -> bytes:
 
 
 def _too_long(node: Dialogue, number: int) -> CommandFrame:
-    """By turns a valid frame with a byte behind it, and seven bytes with the right CRC at their end."""
+    """Alternately a valid frame with one more byte, and seven bytes with the right CRC at their end."""
     body = node.body(ahead=number)
     return CommandFrame(node.sealed(body).data + b"\0") if number % 2 else node.sealed(body + b"\0")
 
 
 def is_latched(node: Dialogue) -> str:
-    """Tripped, it takes and echoes commands, enabled or not, stays tripped at 0 V and keeps the cause."""
+    """Tripped, it accepts and echoes commands, enabled or not, stays tripped at 0 V and keeps the cause."""
     reply = node.trip()
     wrong = differences(reply, state=TRIPPED, cause=TRIPPED_BY_WATCHDOG, highest_V=0.0)
     if wrong:
         return wrong
     steps = round(LATCHED_S / 0.1)
     frames = [node.valid(enable=number % 2 == 0) for number in range(steps)]
-    reply = node.say(*frames, gap_s=0.1)
+    reply = node.send(*frames, gap_s=0.1)
     return differences(
         reply, accepted=steps, echo=node.probe.counter, state=TRIPPED, cause=TRIPPED_BY_WATCHDOG, highest_V=0.0
     )
 
 
 def clear_must_be_at_rest(node: Dialogue) -> str:
-    """ClearTrip with Enable = 1, or with a voltage on either pump, is taken and clears nothing."""
+    """ClearTrip with Enable = 1, or with a voltage on either pump, is accepted and clears nothing."""
     node.trip()
     for what, frame in (
         ("Enable = 1", node.valid(enable=True, clear=True)),
         ("0.2 V on pump 1", node.valid((0.2, 0.0), clear=True)),
         ("0.2 V on pump 2", node.valid((0.0, 0.2), clear=True)),
     ):
-        if wrong := differences(node.say(frame), accepted=1, state=TRIPPED, cause=TRIPPED_BY_WATCHDOG, highest_V=0.0):
+        if wrong := differences(node.send(frame), accepted=1, state=TRIPPED, cause=TRIPPED_BY_WATCHDOG, highest_V=0.0):
             return f"with {what}: {wrong}"
     return ""
 
@@ -83,10 +83,10 @@ def clear_must_be_at_rest(node: Dialogue) -> str:
 def clears(node: Dialogue) -> str:
     """ClearTrip, Enable = 0, 0 V: ready, no cause, and it stays there without further commands."""
     node.trip()
-    wrong = differences(node.say(node.valid(clear=True)), accepted=1, state=READY, cause=0, highest_V=0.0)
+    wrong = differences(node.send(node.valid(clear=True)), accepted=1, state=READY, cause=0, highest_V=0.0)
     return wrong or differences(node.silence(2 * WATCHDOG_S), accepted=0, state=READY, cause=0, highest_V=0.0)
 
 
 def clear_is_harmless(node: Dialogue) -> str:
-    """ClearTrip without a trip is a command like any other of 0 V."""
-    return differences(node.say(node.valid(clear=True)), accepted=1, state=READY, cause=0, highest_V=0.0)
+    """ClearTrip without a trip acts like any other command of 0 V."""
+    return differences(node.send(node.valid(clear=True)), accepted=1, state=READY, cause=0, highest_V=0.0)

@@ -1,4 +1,4 @@
-"""The pump node's outputs, with pumps: 1 V on one at a time, half a volt on both. Only when all else has passed."""
+"""The pump node's outputs, with pumps: 1 V on one, 0.5 V on both; only after all other tests have passed."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ LOW_V: Pair = (0.5, 0.5)
 
 
 def applies(node: Dialogue) -> str:
-    """What is commanded is applied, to within 0.05 V; disabled, both are at 0 V by the next status but one."""
+    """The commanded voltage is applied within 0.05 V; disabled, both outputs are at 0 V in the second status after."""
     for voltage_V in TRIED_V:
         node.probe.drive(lambda _, voltage_V=voltage_V: voltage_V, HOLD_S, PERIOD_S)  # type: ignore[misc]
-        reply = node.say(node.valid(voltage_V, enable=True), gap_s=0.0)
+        reply = node.send(node.valid(voltage_V, enable=True), gap_s=0.0)
         if reply.state is not RUN or not _is_near(reply.applied_V, voltage_V):
             return f"{reply.applied_V} V in state {reply.state.name.lower()} for a command of {voltage_V} V"
-    return differences(node.say(node.valid()), applied_V=OFF_V, state=NodeState.READY)
+    return differences(node.send(node.valid()), applied_V=OFF_V, state=NodeState.READY)
 
 
 def refuses_while_running(node: Dialogue) -> str:
@@ -37,10 +37,10 @@ def refuses_while_running(node: Dialogue) -> str:
         CommandFrame(one + bytes((node.sealed(one).data[-1] ^ 0x01,))),
         CommandFrame(node.probe.payload((1.0, 1.0), enable=True, counter=node.probe.counter)),
     )
-    reply = node.say(*frames)
+    reply = node.send(*frames)
     node.probe.command()
     if reply.accepted != 1 or max(abs(reply.highest_V - LOW_V[0]), abs(reply.applied_V[0] - LOW_V[0])) > TOLERANCE_V:
-        return f"{reply.accepted} frames taken instead of 1, up to {reply.highest_V:.4g} V applied instead of 0.5 V"
+        return f"{reply.accepted} frames accepted instead of 1, up to {reply.highest_V:.4g} V applied instead of 0.5 V"
     return ""
 
 
@@ -54,14 +54,14 @@ def trips_to_zero(node: Dialogue) -> str:
         t_s = (status.t_ns - sent_ns) * 1e-9
         if t_s > latest_s and (status.values["Applied1"], status.values["Applied2"]) != OFF_V:
             return f"still a voltage {t_s * 1e3:.0f} ms after the last command"
-    return differences(node.say(node.valid()), state=TRIPPED, cause=TRIPPED_BY_WATCHDOG, applied_V=OFF_V)
+    return differences(node.send(node.valid()), state=TRIPPED, cause=TRIPPED_BY_WATCHDOG, applied_V=OFF_V)
 
 
 def never_moves_after_a_trip(node: Dialogue) -> str:
-    """Tripped, enabled commands of 0.5 V and 1 V are taken and nothing is applied."""
+    """Tripped, it accepts enabled commands of 0.5 V and 1 V and applies nothing."""
     node.trip()
     frames = [node.valid(voltage_V, enable=True) for voltage_V in (LOW_V, (1.0, 1.0)) for _ in range(5)]
-    reply = node.say(*frames, gap_s=PERIOD_S)
+    reply = node.send(*frames, gap_s=PERIOD_S)
     return differences(reply, accepted=len(frames), state=TRIPPED, applied_V=OFF_V, highest_V=0.0)
 
 

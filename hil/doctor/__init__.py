@@ -1,1 +1,1 @@
-"""Whether a bench is fit to be run: what was observed, judged by pure checks; commands go out through a probe."""
+"""Checks if a bench is ready for a run; pure checks of a probe's observations. See docs/decisions/0016-doctor.md."""

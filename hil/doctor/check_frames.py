@@ -1,4 +1,4 @@
-"""Frames: whether they come at the DBC's pace, whole and one after the other; who else is on the bus."""
+"""Frames: their periods, losses and refusals; foreign traffic on the bus."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from hil.wire.frame_check import Rejection
 from hil.wire.rejections import frames_rejected, other_sender, wrong_length
 
 PERIOD_WARN, PERIOD_FAIL = 0.05, 0.20
-"""How far the mean period may be off the DBC's, as a share of it."""
+"""Allowed deviation of the mean period from the DBC's, as a share of it."""
 JITTER_WARN = 0.25
 """Standard deviation of the time between frames, as a share of the period."""
 LOSS_FAIL = 0.05
-"""At this share of lost or refused frames two commands in a row are lost ninety times an hour."""
+"""With this share of lost or refused frames, two commands in a row are lost ninety times an hour."""
 MIN_FRAMES = 3
 SECOND_NS = 1_000_000_000
 
-WIRING = "look at cable, termination (60 ohms between CAN_H and CAN_L), supply and bit rate"
+WIRING = "check cable, termination (60 ohms between CAN_H and CAN_L), supply and bit rate"
 COUNTERS = (Rejection.DUPLICATE, Rejection.OLD)
 
 
 def check_frames(observation: Observation) -> list[Result]:
-    """Period and integrity of every frame that the nodes send by themselves."""
+    """Period and integrity of every periodic frame of the nodes."""
     results = []
     for spec in observation.contract.frames.values():
         if spec.cycle_s > 0.0:
@@ -35,10 +35,10 @@ def check_frames(observation: Observation) -> list[Result]:
 
 
 def check_period(observation: Observation, name: str, fail_above: float = PERIOD_FAIL) -> Result:
-    """Mean and jitter of the time between frames that followed one another, against the DBC's cycle time.
+    """Mean and jitter of the time between consecutive frames, compared with the DBC's cycle time.
 
-    The period is off when mean and median are: frames that pile up while the host stands still move only the mean,
-    and a node that sends by turns early and late only the median.
+    The period is wrong if both mean and median are: frames delayed while the computer is busy change only the mean, and
+    a node that alternately sends early and late changes only the median.
     """
     check, cycle_s = f"{name} period", observation.contract.frames[name].cycle_s
     arrivals = observation.of(name)
@@ -48,7 +48,7 @@ def check_period(observation: Observation, name: str, fail_above: float = PERIOD
         found = f"{len(arrivals)} frames in {observation.duration_s:.1f} s" + (
             f", {refused} refused" if refused else ""
         )
-        return failed(check, found, f"is the node on and on this bus? Otherwise {WIRING}")
+        return failed(check, found, f"is the node switched on and connected to this bus? If so, {WIRING}")
     mean_s = sum(gaps_s) / len(gaps_s)
     jitter_s = sqrt(sum((gap_s - mean_s) ** 2 for gap_s in gaps_s) / len(gaps_s))
     off = min(abs(mean_s - cycle_s), abs(median(gaps_s) - cycle_s)) / cycle_s
@@ -59,19 +59,19 @@ def check_period(observation: Observation, name: str, fail_above: float = PERIOD
     if off > fail_above:
         return failed(check, found, "the node's firmware does not keep the DBC's cycle time")
     if off > PERIOD_WARN:
-        return warned(check, found, "the node's clock or firmware is off the DBC's cycle time")
+        return warned(check, found, "the node's clock or firmware deviates from the DBC's cycle time")
     if jitter_s > JITTER_WARN * cycle_s:
-        return warned(check, found, "a busy bus, node or host; stop what else runs and look again")
+        return warned(check, found, "the bus, the node or the computer is busy; stop other programs and check again")
     return passed(check, found)
 
 
 def check_integrity(observation: Observation, name: str) -> Result:
-    """Rates of frames lost by the counter, and refused by the CRC, the counter, the length or the range."""
+    """Shares of frames lost by the counter, and refused by CRC, counter, length or range."""
     check = f"{name} integrity"
     accepted, lost, refused = len(observation.of(name)), observation.lost(name), observation.refused(name)
     total = accepted + lost + refused.total()
     if total == 0:
-        return failed(check, "no frame", f"is the node on and on this bus? Otherwise {WIRING}")
+        return failed(check, "no frame", f"is the node switched on and connected to this bus? If so, {WIRING}")
     spec, lengths = observation.contract.frames[name], observation.wrong_lengths(name)
     parts = [f"{lost} lost"] if lost else []
     for why, count in sorted(refused.items()):
@@ -89,22 +89,22 @@ def check_integrity(observation: Observation, name: str) -> Result:
     if lengths:
         advice = other_sender(spec.frame_id, lengths)
     elif share >= LOSS_FAIL and any(why in COUNTERS for why in refused):
-        advice = "its counter must rise by one from frame to frame (docs/reference/wire.md)"
+        advice = "its counter must increase by one from frame to frame (docs/reference/wire.md)"
     return failed(check, found, advice) if share >= LOSS_FAIL else warned(check, found, advice)
 
 
 def check_foreign_traffic(observation: Observation, errors_per_s_max: int) -> list[Result]:
-    """Commands that are not ours, and error frames."""
+    """Commands of other senders, and error frames."""
     commands = len(observation.of(COMMAND))
     errors_ns = [refusal.t_ns for refusal in observation.refusals if refusal.why is Rejection.ERROR_FRAME]
     results = []
     if commands:
-        advice = "stop the other controller first; until then nothing is sent from here"
-        results.append(failed("commands of others", f"{commands} pump commands from somebody else", advice))
+        advice = "stop the other controller first; until then the doctor sends nothing"
+        results.append(failed("commands of others", f"{commands} pump commands from another sender", advice))
     elif refused := observation.refused(COMMAND):
         spec = observation.contract.frames[COMMAND]
         found = frames_rejected(spec.frame_id, refused, observation.wrong_lengths(COMMAND), spec.length)
-        results.append(warned("commands of others", found, "find out which node sends them, and stop it"))
+        results.append(warned("commands of others", found, "find the node that sends them, and stop it"))
     else:
         results.append(passed("commands of others", "none"))
     most = max((bisect_right(errors_ns, t_ns + SECOND_NS) - at for at, t_ns in enumerate(errors_ns)), default=0)

@@ -1,4 +1,4 @@
-"""The computer: clock, scheduling rights, room for the record. What was read comes in as `HostFacts`."""
+"""The computer: clock, scheduling rights, disk space. The values read from it are passed in as `HostFacts`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from hil.probe.result import Result, failed, not_checked, passed, warned
 
 MAX_CLOCK_STEP_S = 1e-6
 MIN_LOCKED_BYTES = 512 * 2**20
-"""Enough for a controller with its libraries."""
+"""Sufficient for the controller with its libraries."""
 DISK_WARN_BYTES, DISK_FAIL_BYTES = 2**30, 64 * 2**20
 
 
@@ -16,8 +16,8 @@ DISK_WARN_BYTES, DISK_FAIL_BYTES = 2**30, 64 * 2**20
 class HostFacts:
     """clock_step_s : resolution of the monotonic clock. rtprio, memlock_bytes : limits of this user; inf for none.
 
-    is_nice, may_lock : whether a capability makes the limit not count. governors : of the cores that tell one.
-    disk_free_bytes : where runs go, whose folder is disk_folder.
+    is_nice, may_lock : whether a capability removes the limit. governors : of all cores that report one.
+    disk_free_bytes : free below disk_folder, where runs are recorded.
     """
 
     clock_step_s: float
@@ -31,7 +31,7 @@ class HostFacts:
 
 
 def check_host(facts: HostFacts) -> list[Result]:
-    """Everything about the host."""
+    """All checks of the computer."""
     return [_clock(facts), _rtprio(facts), _memlock(facts), _governor(facts), _disk(facts)]
 
 
@@ -47,7 +47,7 @@ def _rtprio(facts: HostFacts) -> Result:
     if facts.is_nice:
         return passed(check, "allowed (CAP_SYS_NICE)")
     if facts.rtprio < 1:
-        advice = "for SCHED_FIFO: '@realtime - rtprio 80' in /etc/security/limits.d, join the group, log in anew"
+        advice = "for SCHED_FIFO: '@realtime - rtprio 80' in /etc/security/limits.d, join the group, log in again"
         return warned(check, "not allowed (RLIMIT_RTPRIO 0)", advice)
     return passed(check, f"up to {facts.rtprio:g}")
 
@@ -58,7 +58,7 @@ def _memlock(facts: HostFacts) -> Result:
         return passed(check, "unlimited")
     found = f"up to {facts.memlock_bytes / 2**20:.0f} MiB"
     if facts.memlock_bytes < MIN_LOCKED_BYTES:
-        advice = "for mlockall: '@realtime - memlock unlimited' in /etc/security/limits.d, log in anew"
+        advice = "for mlockall: '@realtime - memlock unlimited' in /etc/security/limits.d, log in again"
         return warned(check, found, advice)
     return passed(check, found)
 
@@ -66,7 +66,7 @@ def _memlock(facts: HostFacts) -> Result:
 def _governor(facts: HostFacts) -> Result:
     check = "CPU governor"
     if not facts.governors:
-        return not_checked(check, "not told by this kernel")
+        return not_checked(check, "this kernel reports none")
     found = ", ".join(sorted(set(facts.governors)))
     if set(facts.governors) != {"performance"}:
         return warned(check, found, "for steady wake-ups: cpupower frequency-set -g performance")

@@ -1,4 +1,4 @@
-"""A SocketCAN link as the kernel has it."""
+"""The link: state of a SocketCAN interface in the kernel; lines of an slcan adapter."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from hil.wire.rejections import lines_rejected
 
 
 class LinkState(Protocol):
-    """What is asked of a link. bitrate, restart_ms : None when they can't be told, as for vcan."""
+    """State of a link. bitrate, restart_ms : None if unknown, as for vcan."""
 
     @property
     def name(self) -> str:
-        """Of the interface."""
+        """Name of the interface."""
         ...
 
     @property
@@ -24,7 +24,7 @@ class LinkState(Protocol):
 
     @property
     def state(self) -> str:
-        """The kernel's word: up, down, ERROR_ACTIVE, ERROR_PASSIVE, BUS_OFF...; "" when it has none."""
+        """The kernel's name: up, down, ERROR_ACTIVE, ERROR_PASSIVE, BUS_OFF...; "" if there is none."""
         ...
 
     @property
@@ -34,21 +34,21 @@ class LinkState(Protocol):
 
     @property
     def restart_ms(self) -> int | None:
-        """After how long the kernel itself ends a bus-off; 0: never."""
+        """Time in ms after which the kernel ends a bus-off; 0: never."""
         ...
 
 
-WORRYING = ("error-warning", "error-passive")
-OFF = ("bus-off", "stopped", "sleeping")
+WARNING_STATES = ("error-warning", "error-passive")
+FAILED_STATES = ("bus-off", "stopped", "sleeping")
 
 
 def check_link(state: LinkState | None, channel: str, bitrate: int, *, is_socketcan: bool) -> list[Result]:
-    """Whether the link is up, sound, at the rig file's bit rate, and left in bus-off by the kernel."""
+    """Whether the link is up, without errors, at the right bit rate, and not restarted automatically after bus-off."""
     names = ("link state", "link bit rate", "link restart-ms")
     if not is_socketcan:
         return [not_checked(name, "not a SocketCAN bus") for name in names]
     if state is None:
-        advice = f"plug the adapter in, load its driver; then: ip link set {channel} up type can bitrate {bitrate}"
+        advice = f"plug the adapter in and load its driver; then: ip link set {channel} up type can bitrate {bitrate}"
         return [failed(names[0], f"there is no interface {channel}", advice)]
     return [
         _check_state(state, bitrate),
@@ -78,18 +78,18 @@ def _check_state(state: LinkState, bitrate: int) -> Result:
     check, word = "link state", state.state.lower().replace("_", "-") or ("up" if state.is_up else "down")
     if not state.is_up:
         return failed(check, f"{state.name} is {word}", f"ip link set {state.name} up type can bitrate {bitrate}")
-    if word in OFF:
-        advice = f"mend the bus, then: ip link set {state.name} down && ip link set {state.name} up"
+    if word in FAILED_STATES:
+        advice = f"fix the bus, then: ip link set {state.name} down && ip link set {state.name} up"
         return failed(check, f"{state.name} is {word}", advice)
-    if word in WORRYING:
-        return warned(check, f"{state.name} is {word}", "look at cable, termination and bit rate")
+    if word in WARNING_STATES:
+        return warned(check, f"{state.name} is {word}", "check cable, termination and bit rate")
     return passed(check, f"{state.name} is {word}")
 
 
 def _check_bitrate(state: LinkState, bitrate: int) -> Result:
     check = "link bit rate"
     if state.bitrate is None:
-        return not_checked(check, f"{state.name} tells none")
+        return not_checked(check, f"{state.name} reports none")
     if state.bitrate != bitrate:
         advice = f"ip link set {state.name} down; ip link set {state.name} up type can bitrate {bitrate}"
         return failed(check, f"{state.bitrate} bit/s, rig.toml says {bitrate}", advice)
@@ -99,8 +99,10 @@ def _check_bitrate(state: LinkState, bitrate: int) -> Result:
 def _check_restart(state: LinkState) -> Result:
     check = "link restart-ms"
     if state.restart_ms is None:
-        return not_checked(check, f"{state.name} tells none")
+        return not_checked(check, f"{state.name} reports none")
     if state.restart_ms:
-        advice = f"after bus-off somebody should look first: ip link set {state.name} type can restart-ms 0 (link down)"
+        advice = (
+            f"after bus-off, the cause must be found first: ip link set {state.name} type can restart-ms 0 (link down)"
+        )
         return warned(check, f"{state.restart_ms} ms", advice)
-    return passed(check, "0: bus-off stays until somebody looks")
+    return passed(check, "0: bus-off stays until the link is restarted by hand")

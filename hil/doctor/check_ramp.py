@@ -1,7 +1,7 @@
-"""A short, small ramp on one pump: whether the node applies it, and the water rises where it should.
+"""A short, small ramp on one pump: whether the node applies it, and whether the right levels rise.
 
-The tanks are judged against eq. (1) integrated from the levels measured at the start, once with the pump's voltage and
-once without: the response is the share of the difference that shows in the readings.
+The levels are compared with eq. (1), integrated from the levels measured at the start, once with the pump's voltage and
+once without. The response is the measured share of the difference between the two.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ TOP_V = 3.0
 RISE_S, HOLD_S = 0.5, 3.0
 REST_S = 0.5
 SAMPLES = 20
-"""Readings that a level is the mean of."""
+"""Number of readings for the mean of a level."""
 RESPONSE_LOW, RESPONSE_HIGH = 0.5, 1.5
 NO_RESPONSE = 0.2
 HEADROOM_CM = 2.0
-"""Below safety.level_max_cm, before a pump is moved."""
+"""Required distance to safety.level_max_cm before a pump is moved."""
 DT_S = 0.02
 
 
 @dataclass(frozen=True)
 class Ramp:
-    """One pump's ramp: statuses and levels from rest to rest. pump : 0 or 1. start_cm, end_cm : levels by readings."""
+    """One pump's ramp: status frames and levels. pump : 0 or 1. start_cm, end_cm : measured levels."""
 
     pump: int
     observation: Observation
@@ -39,7 +39,7 @@ class Ramp:
 
 
 def ramp_voltage(t_s: float) -> float:
-    """The voltage of the pump at a time: up, hold, down."""
+    """The pump's voltage at a time: rise, hold, fall."""
     down_s = t_s - RISE_S - HOLD_S
     return TOP_V * max(0.0, min(1.0, t_s / RISE_S, 1.0 - down_s / RISE_S))
 
@@ -48,7 +48,7 @@ TOTAL_S = 2 * RISE_S + HOLD_S
 
 
 def run(probe: Probe, pump: int, level_gain_V_cm: float, lag_s: float) -> Ramp:
-    """Ramp one pump; 0 V and disabled afterwards, whatever is raised on the way."""
+    """Ramp one pump; afterwards, or if an error is raised, command 0 V and disabled."""
     start_cm = levels_cm(probe.listen(REST_S), level_gain_V_cm)
     begin_ns = probe.now_ns
     try:
@@ -62,7 +62,7 @@ def run(probe: Probe, pump: int, level_gain_V_cm: float, lag_s: float) -> Ramp:
 
 
 def levels_cm(observation: Observation, level_gain_V_cm: float) -> Quad:
-    """Means of the newest readings; nan when there are none."""
+    """Means of the newest readings in cm; NaN if there are none."""
     means = []
     for name, tanks in LEVEL_FRAMES.items():
         newest = observation.of(name)[-SAMPLES:]
@@ -74,7 +74,7 @@ def levels_cm(observation: Observation, level_gain_V_cm: float) -> Quad:
 
 
 def may_move(level_cm: Quad, level_max_cm: float) -> bool:
-    """Whether there is room for the water; NaN is no room."""
+    """Whether no tank is nearly full; a level of NaN counts as full."""
     return all(level < level_max_cm - HEADROOM_CM for level in level_cm)
 
 
@@ -84,7 +84,7 @@ def check_ramp(ramp: Ramp, model: TankModel, tolerance_V: float) -> list[Result]
 
 
 def unchecked(why: str, advice: str) -> list[Result]:
-    """Nothing was moved."""
+    """No pump was moved."""
     return [not_checked("pumps", why, advice)]
 
 
@@ -97,14 +97,14 @@ def _check_applied(ramp: Ramp, tolerance_V: float) -> Result:
         if RISE_S + 0.2 <= (status.t_ns - begin_ns) * 1e-9 <= RISE_S + HOLD_S
     ]
     if not hold:
-        return failed(check, "no PumpStatus while it ran", "look at the pump node")
+        return failed(check, "no PumpStatus while it ran", "check the pump node")
     own, other = (f"Applied{1 + ramp.pump}", f"Applied{2 - ramp.pump}")
     applied_V = [status.values[own] for status in hold]
     found = f"{min(applied_V):.3f} to {max(applied_V):.3f} V applied, {TOP_V:g} V commanded"
     if max(status.values[other] for status in hold) > 0.0:
-        return failed(check, f"{found}; the other pump ran, too", "the node mixes its outputs up")
+        return failed(check, f"{found}; the other pump ran, too", "the node exchanges its outputs")
     if max(abs(voltage - TOP_V) for voltage in applied_V) > tolerance_V:
-        return failed(check, found, "look at the node's converter; has it tripped?")
+        return failed(check, found, "check the node's converter; has the node tripped?")
     return passed(check, found)
 
 
@@ -119,12 +119,14 @@ def _check_response(ramp: Ramp, model: TankModel) -> list[Result]:
         check = f"pump {ramp.pump + 1} to tank {tank + 1}"
         expected_cm, seen_cm = driven[tank] - drained[tank], ramp.end_cm[tank] - drained[tank]
         share = seen_cm / expected_cm
-        found = f"{seen_cm:+.2f} cm by the pump, {expected_cm:+.2f} cm by rig.toml ({share:.0%})"
+        found = f"{seen_cm:+.2f} cm by the pump, {expected_cm:+.2f} cm expected from rig.toml ({share:.0%})"
         if not share >= NO_RESPONSE:
-            advice = "no water: pump, its supply, valve, reservoir, hose; or the sensor of this tank"
+            advice = "no water: check pump, supply, valve, reservoir and hose, and the sensor of this tank"
             results.append(failed(check, found, advice))
         elif not RESPONSE_LOW <= share <= RESPONSE_HIGH:
-            advice = "measure gain and valve split into rig.toml; outlets differ, or the pump is weak"
+            advice = (
+                "measure pump gain and valve split and set them in rig.toml; or outlets differ, or the pump is weak"
+            )
             results.append(warned(check, found, advice))
         else:
             results.append(passed(check, found))

@@ -1,7 +1,7 @@
-"""Level sensors while nothing moves: in range, vouched for by their node, and as noisy as the rig file says.
+"""Level sensors while no pump runs: in range, status OK, and noise as in the rig file.
 
-Noise is taken from the steps between readings that follow one another, sqrt(mean(step^2) / 2), so that a tank that
-drains adds none.
+Noise is computed from the steps between consecutive readings, sqrt(mean(step^2) / 2), so that a falling level adds
+none.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from hil.wire.receiver import CHANNEL_OK
 
 STATUS_NAMES = {1: "under range", 2: "over range", 3: "fault"}
 NOISE_WARN, NOISE_FAIL = 1.5, 3.0
-"""Noise above so many times the rig file's."""
+"""Limits of the noise, as multiples of the rig file's."""
 QUIET_WARN = 0.4
-"""Noise below this share of it: the rig file is off, or the signal sits at the end of its range."""
+"""Noise below this share of it: the rig file is wrong, or the signal is at the end of its range."""
 MIN_READINGS = 25
 EMPTY_NOISES = 3.0
-"""A tank whose level is within so many noises of 0 V is empty: its noise is cut off there."""
+"""A level below so many times the noise counts as empty: its noise is cut off at 0 V."""
 
 
 def check_sensors(observation: Observation, range_V: Pair, noise_V: float) -> list[Result]:
@@ -40,26 +40,26 @@ def check_sensors(observation: Observation, range_V: Pair, noise_V: float) -> li
 
 
 def check_range(tank: int, readings_V: list[float], statuses: list[int], range_V: Pair) -> Result:
-    """Whether all readings are in the rig file's range and the node vouches for them."""
+    """Whether all readings are in the rig file's range with status OK."""
     check = f"sensor {tank} range"
     if not readings_V:
-        return failed(check, "no reading", "is the level node on and on this bus?")
-    disowned = [status for status in statuses if status != CHANNEL_OK]
+        return failed(check, "no reading", "is the level node switched on and connected to this bus?")
+    invalid = [status for status in statuses if status != CHANNEL_OK]
     low_V, high_V = range_V
     outside = sum(not low_V <= reading_V <= high_V for reading_V in readings_V)
     mean_V = sum(readings_V) / len(readings_V)
-    if disowned:
-        what = STATUS_NAMES.get(disowned[-1], f"status {disowned[-1]}")
-        found = f"{what} in {len(disowned)} of {len(readings_V)} readings, mean {mean_V:.3f} V"
-        return failed(check, found, "look at the sensor's wires and supply: open or short")
+    if invalid:
+        what = STATUS_NAMES.get(invalid[-1], f"status {invalid[-1]}")
+        found = f"{what} in {len(invalid)} of {len(readings_V)} readings, mean {mean_V:.3f} V"
+        return failed(check, found, "check the sensor's wires and supply: open or short")
     if outside:
         found = f"{outside} of {len(readings_V)} readings outside {low_V:g}..{high_V:g} V"
-        return failed(check, found, "look at the sensor, or at sensors.range_V in rig.toml")
+        return failed(check, found, "check the sensor, or sensors.range_V in rig.toml")
     return passed(check, f"{mean_V:.3f} V, {min(readings_V):.3f} to {max(readings_V):.3f} V")
 
 
 def check_noise(tank: int, readings_V: list[float], noise_V: float) -> Result:
-    """Standard deviation of one reading against sensors.noise_V."""
+    """Standard deviation of a reading, compared with sensors.noise_V."""
     check = f"sensor {tank} noise"
     if len(readings_V) < MIN_READINGS:
         return not_checked(check, f"{len(readings_V)} readings are too few")
@@ -68,13 +68,15 @@ def check_noise(tank: int, readings_V: list[float], noise_V: float) -> Result:
     found = f"{found_V * 1e3:.2f} mV; rig.toml {noise_V * 1e3:g} mV"
     is_empty = sum(readings_V) / len(readings_V) < EMPTY_NOISES * noise_V
     if found_V == 0.0 and noise_V > 0.0 and not is_empty:
-        return failed(check, f"stands still at {readings_V[0]:.4f} V", "the sensor or its converter is stuck")
+        return failed(check, f"does not change from {readings_V[0]:.4f} V", "the sensor or its converter is stuck")
     if found_V > NOISE_FAIL * noise_V:
-        return failed(check, found, "look at its shield and ground; turbulent water? Or set sensors.noise_V")
+        return failed(check, found, "check its shield and ground; is the water turbulent? Or set sensors.noise_V")
     if found_V > NOISE_WARN * noise_V:
-        return warned(check, found, "set sensors.noise_V in rig.toml to what is measured, or find the noise")
+        return warned(
+            check, found, "set sensors.noise_V in rig.toml to the measured value, or find the source of the noise"
+        )
     if is_empty:
-        return not_checked(check, "the tank is empty: its noise is cut off at 0 V", "fill it and look again")
+        return not_checked(check, "the tank is empty: its noise is cut off at 0 V", "fill it and check again")
     if found_V < QUIET_WARN * noise_V:
-        return warned(check, found, "set sensors.noise_V in rig.toml to what is measured: faults are found sooner")
+        return warned(check, found, "set sensors.noise_V in rig.toml to the measured value: faults are detected sooner")
     return passed(check, found)

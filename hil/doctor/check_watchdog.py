@@ -1,7 +1,7 @@
-"""The pump node's watchdog, timed from outside by withholding commands. It needs enabled commands; they are of 0 V.
+"""The time of the pump node's watchdog, measured by sending no more commands after enabled commands of 0 V.
 
-A status frame tells the node's state every 50 ms only. So a trial begins at another phase of that each time: the last
-status that still says "run", and the first that says "tripped", over all trials, bracket the time within 10 ms.
+A status frame reports the node's state only every 50 ms. Therefore each trial begins at another phase of that period.
+Over all trials the last status with "run" and the first with "tripped" give the time within 10 ms.
 """
 
 from __future__ import annotations
@@ -10,27 +10,27 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from hil.core.types import NodeState
-from hil.probe.bus_probe import PATIENCE_S, InterruptedByUserError, Probe
+from hil.probe.bus_probe import STATUS_WAIT_S, InterruptedByUserError, Probe
 from hil.probe.observation import STATUS, Arrival
 from hil.probe.result import Result, failed, not_checked, passed, warned
 
 WATCHDOG_S = 0.25
 TOLERANCE_S = 0.02
 PHASES = (0.1, 0.3, 0.5, 0.7, 0.9)
-"""Of the status frame's period."""
+"""Phases of the trials, as shares of the status frame's period."""
 SPARE_TRIALS = 5
 IRREGULAR = 0.3
-"""A trial whose status frames come this share of their period off tells nothing about time."""
+"""A trial is repeated if the time between its status frames deviates by this share of their period."""
 SLOW_SEND_S = 0.005
 TRIPPED_BY_WATCHDOG = 1
 
 
 @dataclass(frozen=True, slots=True)
 class WatchdogTiming:
-    """What the trials showed, in s after the last command.
+    """Result of the trials, in s after the last command.
 
-    runs_until_s, tripped_by_s : the bracket, -inf and inf as long as nothing is known. problem : what was wrong with
-    the node, "" for nothing. is_measured : whether all phases were seen.
+    runs_until_s, tripped_by_s : bounds of the time, -inf and inf while unknown. problem : what is wrong with the node,
+    "" for nothing. is_measured : whether all phases were measured.
     """
 
     runs_until_s: float = float("-inf")
@@ -40,7 +40,7 @@ class WatchdogTiming:
 
 
 def measure(probe: Probe) -> WatchdogTiming:
-    """Let the watchdog trip once for each phase, and clear it each time. The node must be ready, at 0 V."""
+    """Let the watchdog trip once for each phase, and clear the trip each time. The node must be ready, at 0 V."""
     timing, spare = WatchdogTiming(), SPARE_TRIALS
     phases = list(PHASES)
     try:
@@ -56,16 +56,16 @@ def measure(probe: Probe) -> WatchdogTiming:
             timing = WatchdogTiming(max(timing.runs_until_s, low_s), min(timing.tripped_by_s, high_s))
             del phases[0]
     except InterruptedByUserError:
-        probe.command(clear=True)  # as it was found: ready, at 0 V
+        probe.command(clear=True)  # restore the state: ready, at 0 V
         raise
     return WatchdogTiming(timing.runs_until_s, timing.tripped_by_s, is_measured=True)
 
 
 def _trial(probe: Probe, phase: float) -> tuple[float, float, str, bool]:
-    """The bracket of one trial, what was wrong, and whether its frames came regularly."""
+    """Bounds by one trial, what was wrong, and whether its status frames came regularly."""
     cycle_s, begin_ns = probe.contract.frames[STATUS].cycle_s, probe.now_ns
     for _ in range(3):
-        if probe.await_status(PATIENCE_S) is None:
+        if probe.await_status(STATUS_WAIT_S) is None:
             return 0.0, 0.0, "no PumpStatus", False
         probe.listen(phase * cycle_s)
         sent_ns = probe.command(enable=True)
@@ -81,7 +81,7 @@ def _trial(probe: Probe, phase: float) -> tuple[float, float, str, bool]:
 
 
 def _is_regular(statuses: list[Arrival], cycle_s: float) -> bool:
-    """Whether they came at the DBC's pace from the first command of the trial on."""
+    """Whether they came with the DBC's period from the first command of the trial on."""
     gaps_s = [(b.t_ns - a.t_ns) * 1e-9 for a, b in pairwise(statuses)]
     return bool(gaps_s) and max(abs(gap_s - cycle_s) for gap_s in gaps_s) < IRREGULAR * cycle_s
 
@@ -89,7 +89,7 @@ def _is_regular(statuses: list[Arrival], cycle_s: float) -> bool:
 def _problem(seen: list[Arrival]) -> str:
     states = [_state(status) for status in seen]
     if any(max(status.values["Applied1"], status.values["Applied2"]) > 0.0 for status in seen):
-        return "it applied a voltage to commands of 0 V"
+        return "it applied a voltage at commands of 0 V"
     if not states:
         return "no PumpStatus"
     if NodeState.RUN not in states and states[0] is not NodeState.TRIPPED:
@@ -105,7 +105,7 @@ def _problem(seen: list[Arrival]) -> str:
 
 def _clear(probe: Probe) -> str:
     probe.command(clear=True)
-    status = probe.await_status(PATIENCE_S, lambda arrival: _state(arrival) is NodeState.READY)
+    status = probe.await_status(STATUS_WAIT_S, lambda arrival: _state(arrival) is NodeState.READY)
     return "" if status is not None else "the trip can't be cleared"
 
 
@@ -119,17 +119,21 @@ def check_watchdog(timing: WatchdogTiming, check: str = "watchdog") -> Result:
         return failed(check, timing.problem, "never let this node drive pumps (docs/reference/firmware.md, watchdog)")
     low_s, high_s = timing.runs_until_s, timing.tripped_by_s
     if low_s == float("-inf"):
-        return warned(check, "it trips, but status frames came too unevenly to time it", "look again on a quiet host")
-    found = f"trips within {low_s * 1e3:.0f} to {high_s * 1e3:.0f} ms; wants {WATCHDOG_S * 1e3:g} ms"
+        return warned(
+            check,
+            "it trips, but status frames came too irregularly to measure the time",
+            "check again on a computer without other load",
+        )
+    found = f"trips within {low_s * 1e3:.0f} to {high_s * 1e3:.0f} ms; must be {WATCHDOG_S * 1e3:g} ms"
     if low_s > WATCHDOG_S + TOLERANCE_S:
         return failed(check, found, "too late: pumps run on without a controller (docs/reference/firmware.md)")
     if high_s < WATCHDOG_S - TOLERANCE_S:
         return failed(check, found, "too early: it will trip in a run (docs/reference/firmware.md)")
     if not timing.is_measured:
-        return warned(check, found, "status frames came too unevenly: look again on a quiet host")
+        return warned(check, found, "status frames came too irregularly: check again on a computer without other load")
     return passed(check, found)
 
 
 def unchecked(why: str) -> Result:
-    """Not timed at all."""
+    """The time was not measured."""
     return not_checked("watchdog", why)

@@ -1,6 +1,7 @@
-"""The whole examination of a bench: listen first, then command 0 V, and move pumps only if asked to.
+"""The whole examination of a bench: listen first, then command 0 V, and move pumps only on request.
 
-Nothing is sent to a pump node that somebody else commands, that applies a voltage, or that is not heard.
+Nothing is sent to a pump node that another sender commands, that applies a voltage, or that sends no status. See
+docs/decisions/0016-doctor.md.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from hil.probe.result import Result, failed, has_failed, not_checked
 
 @dataclass(frozen=True, slots=True)
 class Expectations:
-    """What the rig file says of the bench. pump_range_V, rate_V_s : of commands. lag_s : of the pumps."""
+    """The rig file's values for the bench. pump_range_V, rate_V_s : of commands. lag_s : of the pumps."""
 
     model: TankModel
     lag_s: float
@@ -35,7 +36,7 @@ class Expectations:
 
 
 def examine(probe: Probe, wants: Expectations, seconds: float, *, with_pumps: bool = False) -> list[Result]:
-    """All results, in the order of the table. Raises InterruptedByUserError; a bus that goes away is a result."""
+    """All results, in the order of the table. Raises InterruptedByUserError; a bus that fails is a result."""
     results: list[Result] = []
     try:
         observation = probe.listen(seconds)
@@ -48,7 +49,7 @@ def examine(probe: Probe, wants: Expectations, seconds: float, *, with_pumps: bo
             _move(probe, wants, results)
     except ProbeError as error:
         results.append(
-            failed("examination", f"broken off: {error}", "look at adapter, cable, link, and who else is on the bus")
+            failed("examination", f"stopped: {error}", "check adapter, cable, link, and other senders on the bus")
         )
     return results
 
@@ -57,11 +58,11 @@ def _command(probe: Probe, wants: Expectations, observation: Observation, result
     """Watchdog and echoes, with commands of 0 V."""
     status = observation.last(STATUS)
     if not is_free(observation) or status is None:
-        why = "nothing is sent: the pump node does not wait for our commands"
+        why = "nothing is sent: the pump node does not wait for commands"
         results += [check_watchdog.unchecked(why), not_checked("echo latency", why)]
         return
     if NodeState(int(status.values["State"])) is NodeState.TRIPPED:
-        results.append(check_watchdog.unchecked("the pump node has tripped already: clear it first"))
+        results.append(check_watchdog.unchecked("the pump node has already tripped: clear the trip first"))
     else:
         results.append(check_watchdog.check_watchdog(check_watchdog.measure(probe)))
     cycle_s = observation.contract.frames[STATUS].cycle_s
@@ -71,11 +72,11 @@ def _command(probe: Probe, wants: Expectations, observation: Observation, result
 
 
 def _move(probe: Probe, wants: Expectations, results: list[Result]) -> None:
-    """Each pump in turn; none after anything has failed."""
+    """Move each pump in turn; none after a failed check."""
     for pump in (0, 1):
         status = probe.listener.newest(STATUS)
         if has_failed(results):
-            results += check_ramp.unchecked("no pump is moved after a failed check", "mend what failed and look again")
+            results += check_ramp.unchecked("no pump is moved after a failed check", "fix what failed and check again")
             return
         if status is None or NodeState(int(status.values["State"])) is not NodeState.READY:
             results += check_ramp.unchecked("the pump node is not ready", "clear its trip first: hil run --clear-trip")
@@ -87,7 +88,7 @@ def _move(probe: Probe, wants: Expectations, results: list[Result]) -> None:
             return
         level_cm = check_ramp.levels_cm(probe.listen(check_ramp.REST_S), wants.model.level_gain_V_cm)
         if not check_ramp.may_move(level_cm, wants.level_max_cm):
-            results += check_ramp.unchecked("a tank is nearly full", "let it run empty first")
+            results += check_ramp.unchecked("a tank is nearly full", "let it drain first")
             return
         done = check_ramp.run(probe, pump, wants.model.level_gain_V_cm, wants.lag_s)
         results += check_ramp.check_ramp(done, wants.model, wants.echo_tolerance_V)

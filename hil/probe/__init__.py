@@ -1,1 +1,4 @@
-"""What `hil doctor` and `hil conformance` share: listening to a bus, sending single commands, results."""
+"""Shared by `hil doctor` and `hil conformance`: listening to a bus, sending single commands, results of checks.
+
+See docs/decisions/0016-doctor.md.
+"""

@@ -1,6 +1,7 @@
 """The probe: listens to a bench and sends it single commands. Leaving its context sends "disabled, 0 V".
 
-Nothing is sent by itself or repeated; a bench that is only listened to gets no frame at all.
+It sends nothing automatically and repeats nothing; while it only listens, no frame is sent. See
+docs/decisions/0016-doctor.md.
 """
 
 from __future__ import annotations
@@ -14,8 +15,8 @@ from hil.wire.contract import Contract
 from hil.wire.frame_check import Frame
 
 POLL_S = 0.05
-PATIENCE_S = 1.0
-"""How long to wait for a status frame that should come every 50 ms, on a host that may stand still for a while."""
+STATUS_WAIT_S = 1.0
+"""How long to wait for a status frame, sent every 50 ms: the computer may be busy for a while."""
 STALL_NS = 10_000_000
 CATCH_UP_S = 0.005
 MAX_BATCH = 1000
@@ -23,7 +24,7 @@ OFF_V: Pair = (0.0, 0.0)
 
 
 class Port(Protocol):
-    """What the probe needs of a bus."""
+    """The bus that the probe needs."""
 
     is_up: bool
     last_error: str
@@ -33,18 +34,18 @@ class Port(Protocol):
         ...
 
     def arrived_ns(self, message: Any, now_ns: int) -> int:
-        """When a frame came, on the monotonic clock: the kernel's stamp where there is one, else now."""
+        """When a frame arrived, on the monotonic clock: the kernel's time stamp if there is one, else now."""
         ...
 
     def send(
         self, frame_id: int, data: bytes, timestamp_s: float, *, is_extended: bool = False, is_remote: bool = False
     ) -> bool:
-        """Send a frame now or not at all; whether it went out."""
+        """Send a frame now or not at all; return whether it was sent."""
         ...
 
 
 class Clock(Protocol):
-    """What the probe needs of a clock."""
+    """The clock that the probe needs."""
 
     def now_ns(self) -> int:
         """Monotonic time."""
@@ -52,17 +53,17 @@ class Clock(Protocol):
 
 
 class ProbeError(Exception):
-    """The bus is gone, takes no more frames, or somebody else commands the pump node while we do."""
+    """The bus has failed or accepts no frames, or another sender commands the pump node at the same time."""
 
 
 class InterruptedByUserError(Exception):
-    """Somebody asked to stop; the message is the signal's name."""
+    """A stop was requested; the message is the signal's name."""
 
 
 class Probe:
-    """A bench at the other end of a port. stop_reason : "" as long as nobody has asked to stop.
+    """Listens and commands through a port. stop_reason : returns "" until a stop is requested.
 
-    The counter of commands goes on from the last one that the node has echoed.
+    The counter of commands continues after the last one that the node echoed.
     """
 
     def __init__(
@@ -81,7 +82,7 @@ class Probe:
         return self
 
     def __exit__(self, *exc: object) -> None:
-        """0 V is the last word of whoever has commanded at all."""
+        """Send 0 V, disabled, if any command was sent."""
         if self._has_sent:
             self._port.send(self._command.frame_id, self.payload(), self._clock.now_ns() * 1e-9)
 
@@ -91,15 +92,15 @@ class Probe:
         return self._clock.now_ns()
 
     def listen(self, for_s: float) -> Observation:
-        """What comes within the next for_s seconds. Raises ProbeError, InterruptedByUserError."""
+        """Observe the bus for for_s seconds. Raises ProbeError, InterruptedByUserError."""
         begin_ns = self.now_ns
         self.listen_until(begin_ns + round(for_s * 1e9))
         return self.listener.observed(begin_ns, self.now_ns)
 
     def listen_until(self, deadline_ns: int, is_wanted: Callable[[Arrival], bool] | None = None) -> Arrival | None:
-        """Take frames in until the deadline, or until one that is wanted: that one, otherwise None.
+        """Receive frames until the deadline, or until a wanted one; return that one, otherwise None.
 
-        What has piled up while this process stood still came before the deadline, and is taken in, too.
+        Frames that arrived before the deadline while this process was not running are received too.
         """
         while (remaining_ns := deadline_ns - self.now_ns) > 0:
             arrival = self._take(min(remaining_ns * 1e-9, POLL_S))[1]
@@ -115,28 +116,28 @@ class Probe:
         return None
 
     def _take(self, timeout_s: float) -> tuple[bool, Arrival | None]:
-        """Whether a frame came, and what it was; None when it was refused."""
+        """Whether a frame arrived, and the frame; None if it was refused."""
         if reason := self._stop_reason():
             raise InterruptedByUserError(reason)
         frame = self._port.receive(timeout_s)
         if frame is None:
             if not self._port.is_up:
-                raise ProbeError(self._port.last_error or "the bus is gone")
+                raise ProbeError(self._port.last_error or "the bus has failed")
             return False, None
         arrival = self.listener.take(frame, self._port.arrived_ns(frame, self.now_ns))
         if arrival is not None and arrival.name == COMMAND and self._has_sent:
-            raise ProbeError("somebody else commands the pump node")
+            raise ProbeError("another sender commands the pump node")
         return True, arrival
 
     def await_status(self, within_s: float, is_wanted: Callable[[Arrival], bool] = lambda _: True) -> Arrival | None:
-        """The next PumpStatus like that, or None."""
+        """The next wanted PumpStatus within within_s seconds, or None."""
         deadline_ns = self.now_ns + round(within_s * 1e9)
         return self.listen_until(deadline_ns, lambda arrival: arrival.name == STATUS and is_wanted(arrival))
 
     def payload(
         self, voltage_V: Pair = OFF_V, *, enable: bool = False, clear: bool = False, counter: int | None = None
     ) -> bytes:
-        """A PumpCommand with its CRC; its counter is the next one, or the one given, which then is no step on."""
+        """A PumpCommand with its CRC. counter : instead of the next one, which then stays the next."""
         if counter is None:
             counter = self.next_counter
             self.counter = counter
@@ -151,14 +152,14 @@ class Probe:
 
     @property
     def next_counter(self) -> int:
-        """One step on from the last command; before the first one, from what the node says that it took last."""
+        """One more than that of the last command; before the first one, than the node's echo."""
         if self.counter is not None:
             return (self.counter + 1) % 16
         status = self.listener.newest(STATUS)
         return 0 if status is None else (int(status.values["Echo"]) + 1) % 16
 
     def send(self, data: bytes, *, is_extended: bool = False, is_remote: bool = False) -> int:
-        """Send one frame under PumpCommand's identifier; the time right before. Raises ProbeError."""
+        """Send one frame with PumpCommand's identifier; return the time just before. Raises ProbeError."""
         self._has_sent = True
         sent_ns = self.now_ns
         if not self._port.send(
@@ -168,11 +169,11 @@ class Probe:
         return sent_ns
 
     def command(self, voltage_V: Pair = OFF_V, *, enable: bool = False, clear: bool = False) -> int:
-        """Send the next command; the time right before."""
+        """Send the next command; return the time just before."""
         return self.send(self.payload(voltage_V, enable=enable, clear=clear))
 
     def drive(self, voltage_V: Callable[[float], Pair], for_s: float, period_s: float = 0.05) -> Observation:
-        """Command enabled voltages, as a function of time, once a period to absolute deadlines, never made up for."""
+        """Command enabled voltages, as a function of time, once a period at absolute deadlines; skip late ones."""
         begin_ns = self.now_ns
         end_ns, period_ns = begin_ns + round(for_s * 1e9), round(period_s * 1e9)
         deadline_ns = begin_ns

@@ -1,4 +1,4 @@
-"""What came off the bus: each frame of ours with its time, checked as in a run, and what was refused and why."""
+"""Frames received from the bus: accepted ones with their time, checked as in a run; refused ones with the cause."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ HEARTBEATS = {"pump node": "PumpHeartbeat", "level node": "LevelHeartbeat"}
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """One accepted frame. lost : how many of its identifier the counter shows to be missing right before it.
+    """One accepted frame. lost : number of frames of its identifier missing directly before it, by the counter.
 
-    After a longer silence, too, when a run takes any counter: a heartbeat that is lost is not seen otherwise.
+    Also after a longer silence, when a run accepts any counter: lost heartbeats would not be counted otherwise.
     """
 
     name: str
@@ -29,7 +29,7 @@ class Arrival:
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """One frame that was refused; its name is "" when it is none of ours. length : of its data, in bytes."""
+    """One refused frame. name : "" if the bench has no such frame. length : of its data, in bytes."""
 
     name: str
     t_ns: int
@@ -39,7 +39,7 @@ class Refusal:
 
 @dataclass(frozen=True)
 class Observation:
-    """A stretch of time on the bus, from begin_ns to end_ns."""
+    """The frames of a period of time on the bus, from begin_ns to end_ns."""
 
     contract: Contract
     begin_ns: int
@@ -49,19 +49,19 @@ class Observation:
 
     @property
     def duration_s(self) -> float:
-        """How long it is."""
+        """Length of the period in s."""
         return (self.end_ns - self.begin_ns) * 1e-9
 
     def of(self, name: str) -> list[Arrival]:
-        """Accepted frames of this name, in their order."""
+        """Accepted frames of this name, in order of arrival."""
         return [arrival for arrival in self.arrivals if arrival.name == name]
 
     def last(self, name: str) -> Arrival | None:
-        """The newest of this name."""
+        """The newest accepted frame of this name, or None."""
         return next((arrival for arrival in reversed(self.arrivals) if arrival.name == name), None)
 
     def lost(self, name: str) -> int:
-        """Frames of this name that counters show to be missing."""
+        """Number of frames of this name missing by their counters."""
         return sum(arrival.lost for arrival in self.of(name))
 
     def refused(self, name: str) -> Counter[Rejection]:
@@ -76,7 +76,7 @@ class Observation:
 
 
 class Listener:
-    """Takes frames with their monotonic times of arrival, as `hil.wire.receiver` does, and keeps all of them."""
+    """Checks frames as `hil.wire.receiver` does, and keeps all of them with their monotonic times of arrival."""
 
     def __init__(self, contract: Contract) -> None:
         self._contract = contract
@@ -86,7 +86,7 @@ class Listener:
         self._newest: dict[str, Arrival] = {}
 
     def take(self, frame: Frame, received_ns: int) -> Arrival | None:
-        """One frame off the bus; None when it is refused."""
+        """Take one frame from the bus; return None if it is refused."""
         check = self._checks.get(frame.arbitration_id)
         if frame.is_error_frame or check is None:
             why = Rejection.ERROR_FRAME if frame.is_error_frame else Rejection.UNKNOWN_ID
@@ -108,7 +108,7 @@ class Listener:
         return self._newest.get(name)
 
     def observed(self, begin_ns: int, end_ns: int) -> Observation:
-        """What came from begin_ns to end_ns, both included."""
+        """The frames from begin_ns to end_ns, both included."""
         return Observation(
             self._contract,
             begin_ns,

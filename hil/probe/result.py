@@ -1,4 +1,4 @@
-"""What a check says."""
+"""The result of a check."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from enum import StrEnum
 
 
 class Verdict(StrEnum):
-    """How a check went; a check that could not be made is neither good nor bad."""
+    """The verdict of a check; NOT_CHECKED is neither good nor bad."""
 
     PASS = "pass"  # noqa: S105 - not a password
     WARN = "warn"
@@ -18,7 +18,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """One row of the table. found : what was seen, with its numbers. advice : what to do about it; "" when nothing."""
+    """One row of the table. found : what was observed, with numbers. advice : what to do; "" for nothing."""
 
     check: str
     verdict: Verdict
@@ -27,25 +27,25 @@ class Result:
 
 
 def passed(check: str, found: str) -> Result:
-    """Nothing to do."""
+    """A result without anything to do."""
     return Result(check, Verdict.PASS, found)
 
 
 def warned(check: str, found: str, advice: str) -> Result:
-    """The bench can be run, but somebody should look at this."""
+    """A result that allows a run, but should be looked at."""
     return Result(check, Verdict.WARN, found, advice)
 
 
 def failed(check: str, found: str, advice: str) -> Result:
-    """Don't run it."""
+    """A result that forbids a run."""
     return Result(check, Verdict.FAIL, found, advice)
 
 
 def not_checked(check: str, why: str, advice: str = "") -> Result:
-    """Nothing can be said."""
+    """A check that could not be made."""
     return Result(check, Verdict.NOT_CHECKED, why, advice)
 
 
 def has_failed(results: Iterable[Result]) -> bool:
-    """Whether any check failed; warnings don't count."""
+    """Whether any check failed; warnings do not count."""
     return any(result.verdict is Verdict.FAIL for result in results)

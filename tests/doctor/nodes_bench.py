@@ -94,31 +94,31 @@ class RefusesSpareBits(PumpNode):
 
 
 class TakesAnyCounter(PumpNode):
-    def _judge_counter(self, *_: int) -> int | Rejection:
+    def _check_counter(self, *_: int) -> int | Rejection:
         return 0
 
 
 class TakesRepeated(PumpNode):
-    def _judge_counter(self, counter: int, now_ns: int) -> int | Rejection:
-        verdict = super()._judge_counter(counter, now_ns)
+    def _check_counter(self, counter: int, now_ns: int) -> int | Rejection:
+        verdict = super()._check_counter(counter, now_ns)
         return 0 if verdict is Rejection.DUPLICATE else verdict
 
 
 class TakesOld(PumpNode):
-    def _judge_counter(self, counter: int, now_ns: int) -> int | Rejection:
-        verdict = super()._judge_counter(counter, now_ns)
+    def _check_counter(self, counter: int, now_ns: int) -> int | Rejection:
+        verdict = super()._check_counter(counter, now_ns)
         return 0 if verdict is Rejection.OLD else verdict
 
 
 class WantsEveryCounter(PumpNode):
-    def _judge_counter(self, counter: int, now_ns: int) -> int | Rejection:
-        lost = super()._judge_counter(counter, now_ns)
+    def _check_counter(self, counter: int, now_ns: int) -> int | Rejection:
+        lost = super()._check_counter(counter, now_ns)
         return Rejection.OLD if lost not in (0, Rejection.DUPLICATE) else lost
 
 
 class NeverResynchronises(PumpNode):
-    def _judge_counter(self, counter: int, now_ns: int) -> int | Rejection:
-        return super()._judge_counter(counter, now_ns if self._last is None else self._last[1])
+    def _check_counter(self, counter: int, now_ns: int) -> int | Rejection:
+        return super()._check_counter(counter, now_ns if self._last is None else self._last[1])
 
 
 class FedByRefused(PumpNode):
@@ -151,41 +151,41 @@ class CountsNothing(PumpNode):
 
 
 class NotLatched(PumpNode):
-    def _obey(self, command: PumpCommand, now_ns: int) -> None:
+    def _execute(self, command: PumpCommand, now_ns: int) -> None:
         if self.state is NodeState.TRIPPED and command.enable:
             self.state, self.trip_cause = NodeState.READY, TripCause.NONE
-        super()._obey(command, now_ns)
+        super()._execute(command, now_ns)
 
 
 class MovesWhileTripped(PumpNode):
     """Says tripped, and moves."""
 
-    def _obey(self, command: PumpCommand, now_ns: int) -> None:
-        super()._obey(command, now_ns)
+    def _execute(self, command: PumpCommand, now_ns: int) -> None:
+        super()._execute(command, now_ns)
         if self.state is NodeState.TRIPPED and command.enable:
             self._enter(now_ns, NodeState.TRIPPED, command.command_V, "command")
 
 
 class ClearsWhileEnabled(PumpNode):
-    def _obey(self, command: PumpCommand, now_ns: int) -> None:
+    def _execute(self, command: PumpCommand, now_ns: int) -> None:
         if self.state is NodeState.TRIPPED and command.clear_trip and command.enable:
             self.state, self.trip_cause = NodeState.READY, TripCause.NONE
             return
-        super()._obey(command, now_ns)
+        super()._execute(command, now_ns)
 
 
 class ClearsWithVoltage(PumpNode):
-    def _obey(self, command: PumpCommand, now_ns: int) -> None:
+    def _execute(self, command: PumpCommand, now_ns: int) -> None:
         if self.state is NodeState.TRIPPED and command.clear_trip and not command.enable:
             self.state, self.trip_cause = NodeState.READY, TripCause.NONE
             return
-        super()._obey(command, now_ns)
+        super()._execute(command, now_ns)
 
 
 class NeverClears(PumpNode):
-    def _obey(self, command: PumpCommand, now_ns: int) -> None:
+    def _execute(self, command: PumpCommand, now_ns: int) -> None:
         if self.state is not NodeState.TRIPPED:
-            super()._obey(command, now_ns)
+            super()._execute(command, now_ns)
 
 
 class ClearedBySilence(PumpNode):
@@ -196,15 +196,15 @@ class ClearedBySilence(PumpNode):
 
 
 class KeepsCause(PumpNode):
-    def _obey(self, command: PumpCommand, now_ns: int) -> None:
-        super()._obey(command, now_ns)
+    def _execute(self, command: PumpCommand, now_ns: int) -> None:
+        super()._execute(command, now_ns)
         if self.state is NodeState.READY and command.clear_trip and self.accepted > 0:
             self.trip_cause = TripCause.WATCHDOG
 
 
 class TripsWhenReady(PumpNode):
     def status(self) -> bytes:
-        if self.state is NodeState.READY and self._last is not None and self._quiet():
+        if self.state is NodeState.READY and self._last is not None and self.is_quiet():
             self.state, self.trip_cause = NodeState.TRIPPED, TripCause.WATCHDOG
         return super().status()
 
@@ -212,29 +212,29 @@ class TripsWhenReady(PumpNode):
         self._calls = 0
         return super().receive(received, now_ns)
 
-    def _quiet(self):
+    def is_quiet(self) -> bool:
         self._calls = getattr(self, "_calls", 0) + 1
         return self._calls > 6
 
 
 class ClearingTrips(PumpNode):
-    def _obey(self, command: PumpCommand, now_ns: int) -> None:
+    def _execute(self, command: PumpCommand, now_ns: int) -> None:
         was_tripped = self.state is NodeState.TRIPPED
-        super()._obey(command, now_ns)
+        super()._execute(command, now_ns)
         if command.clear_trip and not was_tripped:
             self.state, self.trip_cause = NodeState.TRIPPED, TripCause.WATCHDOG
 
 
 class StaysEnabled(PumpNode):
-    def _obey(self, command: PumpCommand, now_ns: int) -> None:
+    def _execute(self, command: PumpCommand, now_ns: int) -> None:
         if self.state is NodeState.RUN and not command.enable:
             return
-        super()._obey(command, now_ns)
+        super()._execute(command, now_ns)
 
 
 class RunsUnasked(PumpNode):
-    def _obey(self, command: PumpCommand, now_ns: int) -> None:
-        super()._obey(command, now_ns)
+    def _execute(self, command: PumpCommand, now_ns: int) -> None:
+        super()._execute(command, now_ns)
         if self.state is NodeState.READY and not command.clear_trip:
             self.state = NodeState.RUN
 
@@ -287,6 +287,9 @@ def tried(
     **bench: Any,
 ) -> tuple[dict[str, Result], LockstepBench]:
     """Results by name, and the bench: the node in the place of the emulator's."""
+    assert {name for name in vars(node) if name.startswith("_") and not name.startswith("__")} <= set(dir(PumpNode)), (
+        "a private method that PumpNode no longer has overrides nothing"
+    )
     monkeypatch.setattr(firmware_sim.rig, "PumpNode", node)
     there = LockstepBench(**bench).inject(*faults)
     assert there.now_ns() == BOOTED_NS
@@ -299,5 +302,5 @@ def tried(
     return {result.check: result for result in results}, there
 
 
-def failures(results: dict[str, Result]):
+def failures(results: dict[str, Result]) -> set[str]:
     return {name for name, result in results.items() if result.verdict is Verdict.FAIL}

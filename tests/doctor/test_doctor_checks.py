@@ -255,7 +255,7 @@ def test_nothing_is_sent_to_a_node_that_is_not_heard() -> None:
 def test_somebody_who_commands_in_the_midst_ends_it_with_one_command_of_zero() -> None:
     bench = LockstepBench().inject(fault("foreign_command", "PumpCommand", 0.0, at_s=5.0))
     results = examined(bench)
-    assert "somebody else" in results["examination"].found
+    assert "another sender" in results["examination"].found
     assert len([t_ns for t_ns, _, _ in bench.sent if t_ns >= 6_100_000_000]) == 0
 
 

@@ -275,7 +275,7 @@ def test_an_interface_that_is_missing_is_refused_by_name() -> None:
 
 
 def test_an_interface_that_is_no_can_is_refused() -> None:
-    assert refusal("lo") == "lo is no CAN interface"
+    assert refusal("lo") == "lo is not a CAN interface"
 
 
 def test_a_link_that_is_down_is_refused_with_what_to_do(loop: Loop | Cable) -> None:
@@ -307,7 +307,7 @@ def test_a_kernel_that_restarts_after_bus_off_is_told_of_and_left_as_it_is(cable
         port = open_port(cable.near)
         (event,) = port.take_events()
         port.close()
-        assert "restarts a controller that is bus-off after 100 ms" in event.text
+        assert "restarts a bus-off controller automatically after 100 ms" in event.text
         assert Link.read(cable.near).restart_ms == 100
     finally:
         ip("link", "set", cable.near, "down")
