@@ -174,7 +174,7 @@ class WrongLength(FrameFault):
 
         def resized(frame: Message) -> list[Message]:
             right = len(frame.data)
-            length = max(right - 1, 0) if self.value is None or self.value == right else self.value
+            length = right - 1 if self.value is None or self.value == right else self.value
             return [remade(frame, data=bytes(frame.data[:length]).ljust(length, b"\0"))]
 
         return _Each(resized)

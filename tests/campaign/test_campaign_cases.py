@@ -169,9 +169,16 @@ def test_what_the_scenario_would_refuse_is_refused_before_any_run(
     assert "\n" not in str(complaint.value)
 
 
+CLASSES = {"false_alarms": 1, "false_alarms_lag": 1, "false_alarms_noise": 1, "false_alarms_spread": 1}
+CLASSES |= {"leaks": 8, "pairs": 200, "pump_losses": 11, "sensors": 28}
+
+
 @pytest.mark.parametrize("file", sorted((CONFIG / "campaigns").glob("*.toml")), ids=lambda file: file.stem)
 def test_the_shipped_campaigns_can_be_run(file: Path) -> None:
-    """Every class once, without the diagnosis, which other tests build."""
+    """Every class once, without the diagnosis, which other tests build; a case of each with a wrong value is refused.
+
+    That a check which looks at nothing passes as well was not noticed here.
+    """
     labels: dict[str, Case] = {}
     for case in cases_of(file):
         labels.setdefault(f"{case.label} {case.faults if case.label == 'pairs' else ''}", case)
@@ -179,3 +186,8 @@ def test_the_shipped_campaigns_can_be_run(file: Path) -> None:
         campaign_case.check(
             replace(case, scenario_data={**case.scenario_data, "diagnosis": {"method": "none"}}), CONFIG, case.label
         )
+    assert len(labels) == CLASSES[file.stem]
+    for table, key in (("diagnosis", "method"), ("emulator", "parameter_spread")):
+        changed = {**case.scenario_data, table: {**case.scenario_data.get(table, {}), key: "wrong"}}
+        with pytest.raises(ValueError, match=rf"{table}\.{key} = "):
+            campaign_case.check(replace(case, scenario_data=changed), CONFIG, "here")

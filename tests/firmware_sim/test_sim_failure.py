@@ -6,6 +6,7 @@ from firmware_sim.failure_command import COMPONENTS, Component, execute
 from firmware_sim.faults.base import Fault
 from firmware_sim.faults.catalogue import KINDS, value_of
 from firmware_sim.frames import NodeState
+from firmware_sim.setting_types import accepts
 from tests.firmware_sim.fault_bench import as_bytes, drive, fault, named, rig_with, run_s
 from tests.firmware_sim.sim_bench import ROOT, SECOND
 
@@ -87,6 +88,20 @@ def test_a_command_becomes_faults(line: str, expected: list[tuple[str, str | int
 def test_every_kind_can_be_commanded() -> None:
     assert {word.kind for component in COMPONENTS.values() for word in component.types.values()} == set(KINDS)
     assert {expected[0][0] for _, expected in COMMANDS} == set(KINDS)
+
+
+@pytest.mark.parametrize("name", COMPONENTS)
+def test_every_failure_type_acts_on_every_instance_of_its_component(name):
+    """Instances that no fault accepts as a target, or that name the same target twice, went unnoticed."""
+    component = COMPONENTS[name]
+    assert len(set(component.targets)) == len(component.targets)
+    for word, failure_type in component.types.items():
+        fields = KINDS[failure_type.kind].model_fields
+        value = f" -v {accepts(fields['value']).numbers[1]}" if "value" in fields else ""
+        answer, recorder = done(f"failure {name} {word}{value}")
+        assert answer.startswith("ok"), answer
+        targets = component.targets if failure_type.target is None else (failure_type.target,)
+        assert [fault.target for fault in recorder.faults] == list(targets)
 
 
 def test_a_command_may_say_how_long() -> None:

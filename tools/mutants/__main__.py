@@ -72,7 +72,13 @@ def judge(title: str, work: list[tuple[Target, Mutant]], jobs: int, accepted: se
     outdated. Raises RuntimeError when a test that killed a mutant also fails without it.
     """
     started = time.monotonic()
-    judgements = run_all(work, jobs)
+
+    def show_survivor(target: Target, mutant: Mutant) -> None:
+        what = "accepted" if key_of(target.module, mutant) in accepted else "survived"
+        print(f"  {what}: {target.module}:{mutant.line} {mutant.operator}", flush=True)
+        print(f"      - {mutant.before}\n      + {mutant.after}", flush=True)
+
+    judgements = run_all(work, jobs, show_survivor)
     _check_killers(work, judgements)
     fates = [judgement.fate for judgement in judgements]
     survived = [
@@ -88,8 +94,6 @@ def judge(title: str, work: list[tuple[Target, Mutant]], jobs: int, accepted: se
         f"({fates.count(Fate.TIMED_OUT)} by the clock), {len(survived) - len(unlisted)} accepted survivors, "
         f"{len(unlisted)} unlisted; {time.monotonic() - started:.0f} s"
     )
-    for module, mutant in unlisted:
-        print(f"  survived: {module}:{mutant.line} {mutant.operator}\n      - {mutant.before}\n      + {mutant.after}")
     for module, before, after in stale:
         print(f"  accepted, but did not survive: {module}: {before}  ->  {after}")
     return not unlisted and not stale

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import importlib
 import os
@@ -10,12 +11,13 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from functools import cache
 from importlib.abc import InspectLoader, MetaPathFinder
 from importlib.machinery import ModuleSpec
-from importlib.util import spec_from_loader
+from importlib.util import resolve_name, spec_from_loader
 from pathlib import Path
 from types import ModuleType
 
@@ -33,6 +35,7 @@ OPTIONS = (
     *("-m", "not live and not long and not socketcan"),
 )  # fmt: skip
 POLL_S = 0.005
+OURS = frozenset({"hil", "firmware_sim", "tests"})
 TIMED_OUT_EXIT = 99
 
 
@@ -85,8 +88,10 @@ class _Fork:
     pipe: int
 
 
-def run_all(work: Sequence[tuple[Target, Mutant]], jobs: int) -> list[Judgement]:
-    """The judgement on each mutant, `jobs` at a time, in the order given."""
+def run_all(
+    work: Sequence[tuple[Target, Mutant]], jobs: int, on_survivor: Callable[[Target, Mutant], None] | None = None
+) -> list[Judgement]:
+    """The judgement on each mutant, `jobs` at a time, in the order given. on_survivor : is called for each at once."""
     _preload({(target.root, test.partition("::")[0]) for target, _ in work for test in target.tests})
     judgements = [Judgement(Fate.SURVIVED)] * len(work)
     running: list[_Fork] = []
@@ -100,6 +105,8 @@ def run_all(work: Sequence[tuple[Target, Mutant]], jobs: int) -> list[Judgement]
                 with os.fdopen(fork.pipe, encoding="utf-8") as pipe:
                     judgements[fork.number] = Judgement(fate, pipe.read())
                 running.remove(fork)
+                if on_survivor is not None and fate is Fate.SURVIVED:
+                    on_survivor(*work[fork.number])
         time.sleep(POLL_S)
     return judgements
 
@@ -123,6 +130,8 @@ def _preload(tests: set[tuple[Path, str]]) -> None:
         if str(root) not in sys.path:
             sys.path.insert(0, str(root))
         importlib.import_module(test.removesuffix(".py").replace("/", "."))
+    for name in [name for name in sys.modules if name.partition(".")[0] in OURS]:
+        _imports(name)  # kept for the forks
 
 
 def _judge(target: Target, mutant: Mutant, pipe: int) -> None:
@@ -176,24 +185,34 @@ class _Watcher:
 
 
 def _forget(target: Target) -> None:
-    """Drop the module and all that was built on it, so that the fork imports it again; the tests themselves too."""
+    """Drop the module and all that imports it, directly or not, so that the fork imports it again; the tests too."""
+    ours = {name for name in list(sys.modules) if name.partition(".")[0] in OURS}
     tests = {test.partition("::")[0] for test in target.tests}
     tainted = {target.module} | {test.removesuffix(".py").replace("/", ".") for test in tests}
-    while more := {n for n, m in list(sys.modules.items()) if n not in tainted and _uses(n, m, tainted)}:
+    while more := {name for name in ours - tainted if not tainted.isdisjoint(_imports(name))}:
         tainted |= more
     for name in tainted:
         sys.modules.pop(name, None)
+        parent, _, leaf = name.rpartition(".")
+        if parent in sys.modules:  # "from parent import leaf" would find it there
+            vars(sys.modules[parent]).pop(leaf, None)
 
 
-def _uses(name: str, module: ModuleType, tainted: set[str]) -> bool:
-    """Whether one of ours has anything of a tainted module in its namespace."""
-    if not name.startswith(("hil", "firmware_sim", "tests")):
-        return False
-    for value in vars(module).values():
-        home = value.__name__ if isinstance(value, ModuleType) else getattr(value, "__module__", None)
-        if home in tainted:
-            return True
-    return False
+@cache
+def _imports(name: str) -> frozenset[str]:
+    """Full names of what a module imports anywhere; an imported name may be a module or something in one: both."""
+    file = getattr(sys.modules.get(name), "__file__", None)
+    if not file:
+        return frozenset()
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(Path(file).read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            package = name if Path(file).name == "__init__.py" else name.rpartition(".")[0]
+            base = resolve_name("." * node.level + (node.module or ""), package) if node.level else node.module or ""
+            found |= {base} | {f"{base}.{alias.name}" for alias in node.names}
+    return frozenset(found)
 
 
 def _poll(fork: _Fork) -> Fate | None:
