@@ -5,14 +5,16 @@ import select
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from typing import Any, Protocol, TypeVar, cast
 
 import can
 
 from firmware_sim.links import SlcanLink, listen, open_pty
 from firmware_sim.slcan_port import Channel, SlcanPort
 from hil.edge.can.bus import BusAddress, BusPort
+from hil.edge.can.slcan_bus import SlcanBus
 from tests.waiting import wait_for
 
 IDS = (0x201, 0x181, 0x182, 0x282, 0x701, 0x702)
@@ -40,7 +42,7 @@ GARBAGE = {
 }
 
 
-def frame(can_id: int = LEVELS_ID, data: bytes = b"\x01\x02\x03\x04\x05\x06\x07", **kind: bool) -> can.Message:
+def frame(can_id: int = LEVELS_ID, data: bytes = b"\x01\x02\x03\x04\x05\x06\x07", **kind: Any) -> can.Message:
     return can.Message(arbitration_id=can_id, data=data, **({"is_extended_id": False} | kind))
 
 
@@ -49,7 +51,7 @@ def line(can_id: int = LEVELS_ID, data: bytes = b"\x01\x02\x03\x04\x05\x06\x07")
     return f"t{can_id:03X}{len(data)}{data.hex().upper()}\r".encode()
 
 
-def filters_for(ids):
+def filters_for(ids: Iterable[int]) -> list[dict[str, Any]]:
     return [{"can_id": can_id, "can_mask": 0x7FF, "extended": False} for can_id in ids]
 
 
@@ -63,6 +65,11 @@ def next_frame(port: BusPort, timeout_s: float = 2.0) -> can.Message | None:
     return None
 
 
+def port_on(bus: object) -> BusPort:
+    """A port on what stands in for a bus."""
+    return BusPort(cast(can.BusABC, bus))
+
+
 class VirtualFar:
     """A second node on a virtual bus."""
 
@@ -70,11 +77,11 @@ class VirtualFar:
         self._bus = can.Bus(interface="virtual", channel=channel, ignore_config=True)
         self.port = BusPort(BusAddress("virtual", channel, BITRATE).open(IDS))
 
-    def send(self, *frames) -> None:
+    def send(self, *frames: can.Message) -> None:
         for one in frames:
             self._bus.send(one)
 
-    def received(self, count) -> list[can.Message | None]:
+    def received(self, count: int) -> list[can.Message | None]:
         frames = [self._bus.recv(1.0) for _ in range(count)]
         assert self._bus.recv(0) is None
         return frames
@@ -90,11 +97,11 @@ class VirtualFar:
 class SlcanFar:
     """The emulator's slcan adapter behind a descriptor, served in a thread from before our end is opened."""
 
-    def __init__(self, channel: str, connect: Callable[[], tuple[int, Callable[[], tuple[None, None] | None]]]) -> None:
+    def __init__(self, channel: str, connect: Callable[[], tuple[int, Callable[[], object]]]) -> None:
         """connect : waits for our end; returns the descriptor of the far one, and what closes it."""
         self._connect = connect
         self._lock = threading.Lock()
-        self._frames = []
+        self._frames: list[can.Message] = []
         self._is_over = False
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
@@ -118,17 +125,21 @@ class SlcanFar:
         master, path = open_pty()
         held = os.open(path, os.O_RDWR | os.O_NOCTTY)  # without anybody the master would hang up
 
-        def connect() -> tuple[int, Callable[[], tuple[None, None]]]:
-            return master, lambda: (os.close(master), os.close(held))
+        def close() -> None:
+            os.close(master)
+            os.close(held)
+
+        def connect() -> tuple[int, Callable[[], object]]:
+            return master, close
 
         return cls(path, connect)
 
-    def send(self, *frames) -> None:
+    def send(self, *frames: can.Message) -> None:
         with self._lock:
             for one in frames:
                 self._link.send(one)
 
-    def received(self, count):
+    def received(self, count: int) -> list[can.Message]:
         wait_for(lambda: len(self._frames) >= count)
         time.sleep(0.02)
         return list(self._frames)
@@ -182,8 +193,10 @@ class RawAdapter:
         answer_opening(lambda: self.client.recv(4096), self.client.sendall)
 
     @property
-    def bus(self) -> can.BusABC:
-        return self.port._bus
+    def bus(self) -> SlcanBus:
+        bus = self.port._bus
+        assert isinstance(bus, SlcanBus)
+        return bus
 
     def say(self, data: bytes) -> None:
         self.client.sendall(data)
@@ -200,8 +213,15 @@ class RawAdapter:
         self.port.close()
 
 
+class Closes(Protocol):
+    def close(self) -> None: ...
+
+
+C = TypeVar("C", bound=Closes)
+
+
 @contextmanager
-def closing(far: RawAdapter | VirtualFar) -> Iterator[RawAdapter | VirtualFar]:
+def closing(far: C) -> Iterator[C]:
     try:
         yield far
     finally:

@@ -4,6 +4,7 @@ import dataclasses
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any, cast
 
 from can import Message
 
@@ -14,8 +15,10 @@ from firmware_sim.settings import EmulatorSettings
 from hil import runtime
 from hil.bench import assembly
 from hil.core.types import Event, Quad, TickRecord
+from hil.edge.can.bus import BusPort
 from hil.edge.config.settings_file import default_config_dir
-from hil.loop import ControlLoop, Outcome
+from hil.loop import ControlLoop, Outcome, Recorder
+from tests.narrowing import not_none
 
 MS = 1_000_000
 PERIOD_NS = 100 * MS
@@ -38,14 +41,14 @@ class ManualClock:
 class RigPort:
     """The emulated rig as a port on the manual clock; notes every command with its time. `stalls` : time -> length."""
 
-    def __init__(self, clock: ManualClock, fingerprint: int, stalls=None) -> None:
+    def __init__(self, clock: ManualClock, fingerprint: int, stalls: dict[int, int] | None = None) -> None:
         settings = tomllib.loads((default_config_dir() / "emulator.toml").read_text())
-        self.trips_ms = []
+        self.trips_ms: list[float] = []
         self.rig = Emulator(EmulatorSettings.model_validate(settings), (), 1, fingerprint, self._watch)
         self.clock = clock
         self.stalls = dict(stalls or {})
-        self.sent = []
-        self.inbox = []
+        self.sent: list[tuple[int, Any]] = []
+        self.inbox: list[Message] = []
         self.send_failures = 0
         self.is_up = True
         self.last_error = self.lines_rejected = ""
@@ -58,7 +61,7 @@ class RigPort:
     def _rig_ns(self) -> int:
         return self.clock.now - self.start_ns
 
-    def receive(self, timeout_s):
+    def receive(self, timeout_s: float) -> Message | None:
         for at_ns in [at for at in self.stalls if at <= self._rig_ns()]:
             self.clock.now += self.stalls.pop(at_ns)
         due_ns = self.start_ns + self.rig.next_event_ns
@@ -69,13 +72,13 @@ class RigPort:
             self.clock.now += round(timeout_s * 1e9)
         return self.inbox.pop(0) if self.inbox else None
 
-    def arrived_ns(self, message, now_ns):  # noqa: ARG002 - a port whose frames bear no stamp
+    def arrived_ns(self, message: Message, now_ns: int) -> int:  # noqa: ARG002 - a port whose frames bear no stamp
         return now_ns
 
-    def take_events(self):
+    def take_events(self) -> list[Event]:
         return []
 
-    def waiting(self):
+    def waiting(self) -> list[Message]:
         self.inbox += self.rig.advance(self._rig_ns())
         frames, self.inbox = self.inbox, []
         return frames
@@ -91,14 +94,15 @@ class RigPort:
 class Ticks:
     """A recorder that keeps the steps, and may raise at one of them."""
 
-    def __init__(self, error_at=None, error=None) -> None:
-        self.records, self.events = [], []
+    def __init__(self, error_at: int | None = None, error: Exception | None = None) -> None:
+        self.records: list[TickRecord] = []
+        self.events: list[tuple[float, Event]] = []
         self.error_at, self.error = error_at, error
 
     def tick(self, record: TickRecord, true_level_cm: Quad | None = None) -> None:  # noqa: ARG002 - the recorder's signature
         self.records.append(record)
         if len(self.records) == self.error_at:
-            raise self.error
+            raise not_none(self.error)
 
     def frame(self, *_: float) -> None:
         pass
@@ -115,9 +119,9 @@ class Bench:
     loop: ControlLoop
 
     def run(self, stop_reason: Callable[[], str] = lambda: "") -> Outcome:
-        return runtime.run(self.loop, self.port, self.clock, 0.1, stop_reason)
+        return runtime.run(self.loop, cast(BusPort, self.port), self.clock, 0.1, stop_reason)
 
-    def times_ms(self):
+    def times_ms(self) -> list[float]:
         return [(at - self.port.start_ns) / MS for at, _ in self.port.sent]
 
     def assert_ended_at_rest(self) -> None:
@@ -126,7 +130,7 @@ class Bench:
         assert self.port.rig.truth().applied_V == (0.0, 0.0)
 
 
-def bench_in(folder: Path, stalls=None, **recorder) -> Bench:
+def bench_in(folder: Path, stalls: dict[int, int] | None = None, **recorder: Any) -> Bench:
     """A bench of the short scenario. stalls : rig time in ns -> how long the process then stalls."""
     scenario = folder / "short.toml"
     scenario.write_text(SCENARIO)
@@ -134,5 +138,6 @@ def bench_in(folder: Path, stalls=None, **recorder) -> Bench:
     clock, ticks = ManualClock(), Ticks(**recorder)
     port = RigPort(clock, loaded.contract.fingerprint, stalls)
     config = assembly.controller_config(loaded)
-    loop = ControlLoop(config, loaded.contract, loaded.rig.sensors.range_V, port, ticks, arm_timeout_s=1.0)
+    recorder_ = cast(Recorder, ticks)
+    loop = ControlLoop(config, loaded.contract, loaded.rig.sensors.range_V, port, recorder_, arm_timeout_s=1.0)
     return Bench(clock, port, ticks, loop)

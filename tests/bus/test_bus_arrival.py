@@ -1,11 +1,13 @@
 """When a frame has arrived, by the kernel's stamp on a wall clock that may jump; what a port tells of error frames."""
 
+from collections.abc import Callable
+from typing import Any
+
 import can
 import pytest
 
-from hil.edge.can.bus import BusPort
 from hil.edge.host.clock import ArrivalClock
-from tests.bus.bus_bench import COMMAND_ID
+from tests.bus.bus_bench import COMMAND_ID, port_on
 from tests.narrowing import not_none
 
 S = 1_000_000_000
@@ -42,7 +44,7 @@ def test_a_frame_that_waited_has_arrived_when_it_was_stamped(wall: Wall) -> None
 
 
 @pytest.mark.parametrize("jump_s", [3600, -3600])
-def test_a_wall_clock_that_jumps_moves_no_arrival_out_of_the_gap_before_it(wall: Wall, jump_s: float) -> None:
+def test_a_wall_clock_that_jumps_moves_no_arrival_out_of_the_gap_before_it(wall: Wall, jump_s: int) -> None:
     wall.now_ns = 1 * S
     wall.arrived_s(wall.stamp_s())
     wall.now_ns = round(1.02 * S)
@@ -63,17 +65,18 @@ def test_arrivals_never_run_backwards(wall: Wall) -> None:
 class Saying:
     """A bus that has these frames to say."""
 
-    def __init__(self, *frames: can.Message, **settings: tuple[str]) -> None:
+    def __init__(self, *frames: can.Message, **settings: Any) -> None:
         self._frames = list(frames)
+        self._error: Exception = settings.pop("error", RuntimeError("nothing is to be sent"))
         self.__dict__.update(settings)
 
-    def recv(self, timeout=None) -> can.Message | None:
+    def recv(self, timeout: float | None = None) -> can.Message | None:
         del timeout
         return self._frames.pop(0) if self._frames else None
 
-    def send(self, message, timeout=None) -> None:
+    def send(self, message: can.Message, timeout: float | None = None) -> None:
         del message, timeout
-        raise self.error
+        raise self._error
 
 
 def error(classes: int) -> can.Message:
@@ -81,7 +84,7 @@ def error(classes: int) -> can.Message:
 
 
 def test_each_kind_of_error_is_told_once_and_counted_each_time() -> None:
-    port = BusPort(Saying(error(0x20), error(0x20), error(0x22)))
+    port = port_on(Saying(error(0x20), error(0x20), error(0x22)))
     for _ in range(3):
         assert not_none(port.receive(0.0)).is_error_frame
     assert [event.data["kind"] for event in port.take_events()] == ["no_ack", "lost_arbitration"]
@@ -90,23 +93,25 @@ def test_each_kind_of_error_is_told_once_and_counted_each_time() -> None:
 
 
 def test_bus_off_takes_the_bus_down_and_is_its_reason() -> None:
-    port = BusPort(Saying(error(0x40 | 0x8)))
+    port = port_on(Saying(error(0x40 | 0x8)))
     port.receive(0.0)
     assert (port.is_up, port.last_error) == (False, "the CAN controller is bus-off")
 
 
 def test_warnings_of_a_bus_are_the_first_news() -> None:
-    port = BusPort(Saying(warnings=("can0 restarts by itself",)))
+    port = port_on(Saying(warnings=("can0 restarts by itself",)))
     assert [(event.code, event.text) for event in port.take_events()] == [("bus_setting", "can0 restarts by itself")]
 
 
 @pytest.mark.parametrize("number", [100, 19, 6])
 @pytest.mark.parametrize("kind", [OSError, lambda number, text: can.CanOperationError(text, number)])
-def test_a_send_to_an_interface_that_is_gone_takes_the_bus_down_at_once(number: int, kind) -> None:
-    port = BusPort(Saying(error=kind(number, "gone")))
+def test_a_send_to_an_interface_that_is_gone_takes_the_bus_down_at_once(
+    number: int, kind: Callable[[int, str], Exception]
+) -> None:
+    port = port_on(Saying(error=kind(number, "gone")))
     assert port.send(COMMAND_ID, bytes(6), 0.0) is False
     assert not port.is_up
 
 
 def test_a_bus_without_stamps_has_its_frames_arrive_when_they_are_read() -> None:
-    assert BusPort(Saying()).arrived_ns(error(0), 123) == 123
+    assert port_on(Saying()).arrived_ns(error(0), 123) == 123

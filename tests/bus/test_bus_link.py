@@ -62,8 +62,8 @@ def test_a_kernel_that_restarts_by_itself_and_a_controller_in_trouble_are_warned
     ],
 )
 def test_a_message_of_rtnetlink_is_read(kind: str, flags: int, data: dict[str, Any]) -> None:
-    class Message(dict):
-        def get(self, path, default=None):
+    class Message(dict[str, int]):
+        def get(self, path: Any, default: Any = None) -> Any:
             if path == ("linkinfo", "kind"):
                 return kind
             return data.get(path[-1], default)

@@ -4,7 +4,7 @@ import can
 import pytest
 
 from hil.edge.can.bus import MAX_BATCH, SEND_FAILURES_IN_A_ROW, BusPort
-from tests.bus.bus_bench import COMMAND_ID, VirtualFar, closing, frame, next_frame
+from tests.bus.bus_bench import COMMAND_ID, VirtualFar, closing, frame, next_frame, port_on
 
 
 class FailingBus:
@@ -12,20 +12,20 @@ class FailingBus:
 
     def __init__(self, error: Exception, times: int = 10**9) -> None:
         self.error, self.times = error, times
-        self.sent = []
-        self.timeouts = []
+        self.sent: list[can.Message] = []
+        self.timeouts: list[float | None] = []
 
     def _fail(self) -> None:
         if self.times > 0:
             self.times -= 1
             raise self.error
 
-    def send(self, message, timeout=None) -> None:
+    def send(self, message: can.Message, timeout: float | None = None) -> None:
         self.timeouts.append(timeout)
         self._fail()
         self.sent.append(message)
 
-    def recv(self, timeout=None) -> None:
+    def recv(self, timeout: float | None = None) -> None:
         self.timeouts.append(timeout)
         self._fail()
 
@@ -42,7 +42,7 @@ def send(port: BusPort) -> bool:
 
 @pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
 def test_the_third_failed_send_in_a_row_takes_the_bus_down(error: Exception) -> None:
-    port = BusPort(FailingBus(error))
+    port = port_on(FailingBus(error))
     ups = []
     for _ in range(SEND_FAILURES_IN_A_ROW + 2):
         assert send(port) is False
@@ -54,7 +54,7 @@ def test_the_third_failed_send_in_a_row_takes_the_bus_down(error: Exception) -> 
 
 def test_two_failed_sends_and_a_good_one_leave_it_up() -> None:
     bus = FailingBus(OSError(105, "No buffer space"))
-    port = BusPort(bus)
+    port = port_on(bus)
     for _ in range(4):
         bus.times = SEND_FAILURES_IN_A_ROW - 1
         assert [send(port), send(port), send(port)] == [False, False, True]
@@ -64,7 +64,7 @@ def test_two_failed_sends_and_a_good_one_leave_it_up() -> None:
 
 def test_a_failed_command_is_never_sent_again() -> None:
     bus = FailingBus(OSError(105, "No buffer space"), times=2)
-    port = BusPort(bus)
+    port = port_on(bus)
     for number in range(4):
         port.send(COMMAND_ID, bytes([number] * 6), 0.0)
     assert [bytes(m.data)[0] for m in bus.sent] == [2, 3]
@@ -72,13 +72,13 @@ def test_a_failed_command_is_never_sent_again() -> None:
 
 def test_a_send_never_asks_the_bus_to_wait() -> None:
     bus = FailingBus(OSError(), times=0)
-    send(BusPort(bus))
+    send(port_on(bus))
     assert bus.timeouts == [0]
 
 
 @pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
 def test_a_failed_receive_takes_the_bus_down_at_once(error: Exception) -> None:
-    port = BusPort(FailingBus(error, times=1))
+    port = port_on(FailingBus(error, times=1))
     assert port.receive(0.0) is None
     assert not port.is_up
     assert port.receive_failures == 1
@@ -86,7 +86,7 @@ def test_a_failed_receive_takes_the_bus_down_at_once(error: Exception) -> None:
 
 def test_a_bus_once_down_stays_down() -> None:
     bus = FailingBus(OSError(100, "Network is down"), times=1)
-    port = BusPort(bus)
+    port = port_on(bus)
     port.receive(0.0)
     assert send(port) is True
     assert not port.is_up
@@ -94,13 +94,13 @@ def test_a_bus_once_down_stays_down() -> None:
 
 @pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
 def test_close_never_raises(error: Exception) -> None:
-    BusPort(FailingBus(error)).close()
+    port_on(FailingBus(error)).close()
 
 
 def test_what_is_not_the_buss_fault_is_not_swallowed() -> None:
     """A bug must reach the loop, which then sends 0 V."""
     with pytest.raises(ZeroDivisionError):
-        BusPort(FailingBus(ZeroDivisionError())).receive(0.0)
+        port_on(FailingBus(ZeroDivisionError())).receive(0.0)
 
 
 def test_waiting_takes_a_bounded_batch_of_a_babbling_bus() -> None:

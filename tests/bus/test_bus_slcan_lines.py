@@ -4,7 +4,6 @@ import pytest
 from can import Message
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from hypothesis.strategies._internal.core import DataObject
 
 from hil.edge.can.slcan_lines import MAX_LINE_BYTES, LineReader, Reject, frame_line, parse_frame
 from tests.any_frame import frames
@@ -157,7 +156,9 @@ def counts(reader: LineReader) -> tuple[int, int, int, dict[Reject, int], int]:
 
 
 @given(st.lists(st.tuples(LINES, ENDS), max_size=40), st.data())
-def test_any_end_of_line_in_any_cut_gives_the_same_frames_and_counts(lines, data: DataObject) -> None:
+def test_any_end_of_line_in_any_cut_gives_the_same_frames_and_counts(
+    lines: list[tuple[bytes, bytes]], data: st.DataObject
+) -> None:
     """An adapter that ends received frames with CR LF, or all lines with LF, used to have every frame rejected.
 
     Each line has an end of its own. CR before an empty line with LF is the one stream that has two meanings, and is
@@ -196,7 +197,7 @@ def test_any_bytes_at_all_give_the_same_frames_in_any_cut(data: bytes) -> None:
 
 
 @given(st.lists(st.tuples(BITS, st.lists(frames(), max_size=3))))
-def test_good_lines_are_taken_wherever_garbage_ends(parts) -> None:
+def test_good_lines_are_taken_wherever_garbage_ends(parts: list[tuple[bytes, list[Message]]]) -> None:
     """Each piece of garbage is followed by an end of line, as the adapter's next answer would bring it."""
     reader = LineReader()
     for garbage, good in parts:
@@ -214,7 +215,7 @@ def test_a_line_of_just_the_longest_length_is_kept_and_one_byte_more_is_not() ->
 
 
 @given(st.lists(st.tuples(st.integers(0, 255), st.integers(0, 255), st.integers(0, 255), st.binary(max_size=8))))
-def test_any_frames_leave_the_receiver_sane(parts) -> None:
+def test_any_frames_leave_the_receiver_sane(parts: list[tuple[int, int, int, bytes]]) -> None:
     """Never an exception, each frame counted once, no level said to be valid that isn't in range."""
     targets.wire(b"".join(bytes((which, how, wait, len(data))) + data for which, how, wait, data in parts))
 

@@ -27,6 +27,7 @@ class Adapter:
     def __init__(self) -> None:
         self.heard = bytearray()
         self.port = SlcanPort()
+        self.is_answering: bool | None = None  # as our end found it
 
     def answer(self, data: bytes) -> bytes:
         """What it says to these bytes."""
@@ -52,7 +53,7 @@ def plugged(adapter: Adapter) -> Iterator[str]:
                 say(adapter.answer(os.read(master, 4096)))
             say(adapter.unasked())
 
-    def say(data) -> None:
+    def say(data: bytes) -> None:
         with suppress(BlockingIOError):
             os.write(master, data)
 

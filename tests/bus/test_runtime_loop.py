@@ -3,6 +3,7 @@
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -107,9 +108,15 @@ def test_a_bus_that_goes_down_trips_in_the_next_step_and_the_loop_does_not_spin(
     assert (last.enable, last.command_V) == (False, (0.0, 0.0))
 
 
-def test_a_rig_that_never_gets_ready_ends_the_run_after_the_arm_timeout(bench: partial[Bench]) -> None:
+def test_a_rig_that_never_gets_ready_ends_the_run_after_the_arm_timeout(
+    bench: partial[Bench], monkeypatch: pytest.MonkeyPatch
+) -> None:
     run = bench()
-    run.port.receive = lambda timeout_s: setattr(run.clock, "now", run.clock.now + round(timeout_s * 1e9))
+
+    def receive_nothing(timeout_s: float) -> None:
+        run.clock.now += round(timeout_s * 1e9)
+
+    monkeypatch.setattr(run.port, "receive", receive_nothing)
     outcome = run.run()
     assert outcome.status == "failed"
     assert outcome.reason.startswith("not ready within 1 s: ")
@@ -123,10 +130,10 @@ def test_a_step_that_raises_sends_zero_volts_in_the_same_step(
     run = bench()
     step = controller.step
 
-    def failing_at_the_eleventh(config, state, inputs, now_ns) -> tuple[controller.ControllerState, controller.Output]:
+    def failing_at_the_eleventh(*arguments: Any) -> tuple[controller.ControllerState, controller.Output]:
         if len(run.ticks.records) == 10:
             raise ZeroDivisionError("a bug")
-        return step(config, state, inputs, now_ns)
+        return step(*arguments)
 
     monkeypatch.setattr(controller, "step", failing_at_the_eleventh)
     outcome = run.run()

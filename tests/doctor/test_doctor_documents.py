@@ -112,6 +112,7 @@ def test_frames_are_the_dbc_s() -> None:
         assert (message.frame_id, message.length) == (int(frame_id, 16), int(length))
         assert message.senders == [senders[sender]]
         assert every == (f"{message.cycle_time} ms" if message.cycle_time else "control step")
+        assert message.dbc is not None
         assert message.dbc.attributes["DataId"].value == int(data_id, 16)
 
 

@@ -2,6 +2,7 @@
 
 import re
 import runpy
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -10,24 +11,26 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
 
 
 @pytest.fixture
-def run_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def run_example(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[[str], str]:
     monkeypatch.chdir(tmp_path)
 
-    def run(name) -> str:
+    def run(name: str) -> str:
         runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
         return capsys.readouterr().out
 
     return run
 
 
-def test_simulate_and_plot(run_example, tmp_path: Path) -> None:
+def test_simulate_and_plot(run_example: Callable[[str], str], tmp_path: Path) -> None:
     out = run_example("simulate_and_plot")
     assert "paper: complete" in out
     assert re.search(r"IAE gain_fall: 0\.5\d\d, 0\.4\d\d V s", out)
     assert "<svg" in (tmp_path / "paper.svg").read_text()
 
 
-def test_fault_and_report(run_example, tmp_path: Path) -> None:
+def test_fault_and_report(run_example: Callable[[str], str], tmp_path: Path) -> None:
     out = run_example("fault_and_report")
     assert "played:   pump_effectiveness 1 = 0.4 at 200.0 s" in out
     assert "reported: pump_effectiveness 1" in out
@@ -35,14 +38,14 @@ def test_fault_and_report(run_example, tmp_path: Path) -> None:
     assert "<html" in (tmp_path / "pump_loss.html").read_text()
 
 
-def test_an_lqr_as_a_design_of_ones_own(run_example) -> None:
+def test_an_lqr_as_a_design_of_ones_own(run_example: Callable[[str], str]) -> None:
     out = run_example("lqr_design")
     figures = dict(re.findall(r"^(\w+) +IAE ([0-9.]+)", out, re.MULTILINE))
     assert set(figures) == {"rig", "LqrDesign"}
     assert float(figures["LqrDesign"]) < 10.0, "it controls: without control this window comes to more than 40 V s"
 
 
-def test_a_detector_of_ones_own(run_example) -> None:
+def test_a_detector_of_ones_own(run_example: Callable[[str], str]) -> None:
     out = run_example("own_detector")
     reported = re.findall(r"pump_effectiveness (\d) reported at ([0-9.]+) s", out)
     assert [pump for pump, _ in reported] == ["1", "2"]
@@ -50,7 +53,7 @@ def test_a_detector_of_ones_own(run_example) -> None:
     assert re.search(r"1\.00 before, 0\.(3[89]|4[012]) a minute after", out)
 
 
-def test_a_small_campaign(run_example) -> None:
+def test_a_small_campaign(run_example: Callable[[str], str]) -> None:
     out = run_example("small_campaign")
     assert "pump_effectiveness 1 = 0.4: 100% found" in out
     assert "broken invariants: 0" in out

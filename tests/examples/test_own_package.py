@@ -32,7 +32,7 @@ method = "innovation"
 """
 
 
-def installed(source: Path, target: Path):
+def installed(source: Path, target: Path) -> Path:
     """The package installed into a directory of its own; a copy is built, so that nothing is left beside the source."""
     copy = shutil.copytree(source, target.parent / "source", ignore=shutil.ignore_patterns("__pycache__", "dist"))
     subprocess.run([*PIP, "install", *OFFLINE, "--target", target, copy], check=True)
@@ -40,7 +40,7 @@ def installed(source: Path, target: Path):
 
 
 @pytest.fixture(scope="module")
-def own_package(tmp_path_factory: pytest.TempPathFactory):
+def own_package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return installed(PACKAGE, tmp_path_factory.mktemp("own") / "site")
 
 
@@ -58,7 +58,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "site"
 
 
-def run(folder: Path, site: Path, *command: str, columns: str = "100") -> subprocess.CompletedProcess[str]:
+def run(folder: Path, site: Path, *command: str | Path, columns: str = "100") -> subprocess.CompletedProcess[str]:
     """A command in `folder` that finds packages in `site` first."""
     environment = {**os.environ, "PYTHONPATH": str(site), "COLUMNS": columns}
     return subprocess.run(
@@ -66,14 +66,14 @@ def run(folder: Path, site: Path, *command: str, columns: str = "100") -> subpro
     )
 
 
-def test_a_design_of_an_installed_package_shows_up_in_hil_design(own_package, tmp_path: Path) -> None:
+def test_a_design_of_an_installed_package_shows_up_in_hil_design(own_package: Path, tmp_path: Path) -> None:
     done = run(tmp_path, own_package, "-m", "hil", "design")
     assert (done.returncode, done.stderr) == (0, "")
     assert "lqr: from the package fourtank-example" in done.stdout
     assert "rig: " in done.stdout
 
 
-def test_a_scenario_names_the_packages_design_and_detector(own_package, tmp_path: Path) -> None:
+def test_a_scenario_names_the_packages_design_and_detector(own_package: Path, tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text(SCENARIO)
     done = run(tmp_path, own_package, "-m", "hil", "simulate", "own.toml", "--out", "run", "--no-rerun", "--no-report")
     assert (done.returncode, done.stderr) == (0, "")
@@ -87,7 +87,7 @@ def test_without_the_package_its_names_are_refused_with_those_that_there_are(tmp
     assert done.stderr == "hil: own.toml: control.design = 'lqr': must be one of rig, calibrated\n"
 
 
-def test_a_package_that_cannot_be_imported_is_named(own_package, tmp_path: Path) -> None:
+def test_a_package_that_cannot_be_imported_is_named(own_package: Path, tmp_path: Path) -> None:
     broken = shutil.copytree(own_package, tmp_path / "site")
     (broken / "fourtank_example" / "design.py").write_text("import no_such_module\n")
     (tmp_path / "own.toml").write_text(SCENARIO)

@@ -294,7 +294,12 @@ def play(
 @contextmanager
 def _virtual_ends() -> Iterator[tuple[can.BusABC, can.BusABC]]:
     channel = f"faults {next(_channels)}"
-    made = {"interface": "virtual", "channel": channel, "preserve_timestamps": True, "ignore_config": True}
+    made: dict[str, Any] = {
+        "interface": "virtual",
+        "channel": channel,
+        "preserve_timestamps": True,
+        "ignore_config": True,
+    }
     with can.Bus(**made) as ours, can.Bus(**made) as theirs:
         yield ours, theirs
 

@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from functools import partial
+from typing import TypeVar
 
 import can
 
@@ -23,6 +24,7 @@ from tests.bus.bus_bench import BITRATE, answer_opening
 from tests.faults.faults_bench import TIME_TOLERANCE_S, play
 
 PATIENCE_S = 5.0
+T = TypeVar("T")
 
 
 class Host(SlcanBus):
@@ -31,7 +33,7 @@ class Host(SlcanBus):
     sent : lines that went out, so that the far end can wait for them.
     """
 
-    far = None
+    far: "Far | None" = None
     sent = 0
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
@@ -47,7 +49,7 @@ class Host(SlcanBus):
     def listen_to(self, far: "Far") -> None:
         feed = self.lines.feed
 
-        def stamped(data, timestamp_s) -> list[can.Message]:
+        def stamped(data: bytes, timestamp_s: float) -> list[can.Message]:
             del timestamp_s
             far.delivered += len(data)
             frames = feed(data)
@@ -55,7 +57,8 @@ class Host(SlcanBus):
                 frame.timestamp = far.stamps.popleft()
             return frames
 
-        self.far, self.lines.feed = far, stamped
+        self.far = far
+        vars(self.lines)["feed"] = stamped
 
 
 class Far(can.BusABC):
@@ -71,11 +74,14 @@ class Far(can.BusABC):
         self._unplug, self._is_gone = unplug, False
         self._link = SlcanLink(fd)
         self._link.port.feed(b"O\r")
-        self._host, self._inbox = host, deque()
+        self._host = host
+        self._inbox: deque[can.Message] = deque()
         self._written = 0
         self._shadow = LineReader()
-        self.stamps, self.delivered = deque(), 0
-        self.garble = self.answer_end = lambda line: line
+        self.stamps: deque[float] = deque()
+        self.delivered = 0
+        self.garble: Callable[[bytes], bytes] = lambda line: line
+        self.answer_end: Callable[[bytes], bytes] = lambda line: line
         self.refuses = self.is_deaf = False
         self.heard = 0
 
@@ -146,7 +152,7 @@ def over_tcp() -> Iterator[tuple[str, Callable[[], int], Callable[[], None]]]:
     """The same."""
     with listen(0) as listener:
         listener.setblocking(True)
-        clients = []
+        clients: list[socket.socket] = []
 
         def accepted() -> int:
             client, _ = listener.accept()
@@ -159,7 +165,7 @@ def over_tcp() -> Iterator[tuple[str, Callable[[], int], Callable[[], None]]]:
 
 
 @contextmanager
-def _closing_once(what: int | list[socket.socket], how: Callable[[int], None]) -> Iterator[Callable[[], None]]:
+def _closing_once(what: T, how: Callable[[T], None]) -> Iterator[Callable[[], None]]:
     left = [what]
 
     def close() -> None:
@@ -185,7 +191,7 @@ class Line:
     @contextmanager
     def ends(self) -> Iterator[tuple[Host, Far]]:
         with self._line() as (channel, far_fd, unplug):
-            found = []
+            found: list[int] = []
 
             def open_far() -> None:
                 fd = far_fd()
@@ -205,11 +211,11 @@ class Line:
                 self.far.shutdown()
                 self.host.shutdown()
 
-    def at(self, at_s, act):
+    def at(self, at_s: float, act: Callable[[Far], object]) -> Callable[[float], None]:
         """What calls act(far) before the first step from at_s on."""
         due = [act]
 
-        def on_step(t_s) -> None:
+        def on_step(t_s: float) -> None:
             if due and t_s >= at_s - TIME_TOLERANCE_S:
                 due.pop()(self.far)
 

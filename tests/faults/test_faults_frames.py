@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from itertools import combinations
+from typing import Any
 
 import pytest
 
@@ -33,7 +34,7 @@ AT_S = 5.0
 AGE_CAUSES = ("stale_levels", "stale_status", "node_lost")
 
 
-def one(kind: str, at_s: float, frame: str = "LowerLevels", value: float | None = None):
+def one(kind: str, at_s: float, frame: str = "LowerLevels", value: float | None = None) -> dict[str, Any]:
     """A fault that befalls a single frame."""
     return fault(kind, at_s, frame, value, until_s=at_s + 0.75 * FRAME_PERIOD_S[frame])
 
@@ -44,7 +45,7 @@ def refused_commands(run: Run) -> int:
     return rejected.total() - rejected[node.Rejection.BOOT]
 
 
-def lossy(probability: float = 0.05):
+def lossy(probability: float = 0.05) -> list[dict[str, Any]]:
     return [fault("frame_loss", 0.0, frame, probability) for frame in NODE_FRAMES]
 
 

@@ -1,5 +1,7 @@
 """Cases 56, 57: what an operator must not, and what one may for a while."""
 
+from typing import Any
+
 import pytest
 
 from hil.core.types import Mode
@@ -8,7 +10,7 @@ from tests.faults.faults_bench import OFF, T_S, TIME_TOLERANCE_S, Run, assert_sa
 AT_S = 5.0
 
 
-def ask(at_s: float, action: str, **more: str | float):
+def ask(at_s: float, action: str, **more: str | float) -> dict[str, Any]:
     return {"at_s": at_s, "action": action, **more}
 
 
@@ -41,7 +43,7 @@ def test_case_56_a_stranger_on_the_bus_is_never_cleared() -> None:
     assert_safe(run, AT_S + 0.1, 0.5)
 
 
-def bypassed(for_s: float, until_s: float):
+def bypassed(for_s: float, until_s: float) -> dict[str, Any]:
     storm = fault("error_frames", 5.0, None, 60.0)
     request = [ask(3.0, "bypass", interlock="error_storm", for_s=for_s)]
     return story(storm, duration_s=until_s, request=request)

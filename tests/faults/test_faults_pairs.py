@@ -1,5 +1,8 @@
 """Case 60: any two faults of cases 1 to 44 at any time. Whatever happens, no invariant is broken."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import pytest
 
 from hil.bench.campaign_case import run_case
@@ -14,7 +17,7 @@ FRAMES = ["PumpStatus", "LowerLevels", "UpperLevels", "PumpHeartbeat", "LevelHea
 TANKS, PUMPS, NODES = [1, 2, 3, 4], [1, 2], ["pump", "level"]
 
 
-def row(kind: str, targets: tuple[int] | list[str | int] = (0,), value_range: Pair | None = None, **also: int):
+def row(kind: str, targets: Sequence[int | str] = (0,), value_range: Pair | None = None, **also: int) -> dict[str, Any]:
     drawn = {"kind": kind, "targets": list(targets), "also": also}
     return drawn if value_range is None else {**drawn, "value_range": list(value_range)}
 
@@ -76,7 +79,7 @@ def drawn(seeds: range) -> tuple[listing.Case, ...]:
     return listing.expand(validated(Spec, spec, "pairs"), [base])
 
 
-def breaks(outcome: Row, case: listing.Case):
+def breaks(outcome: Row, case: listing.Case) -> list[str]:
     """What the run broke. The node obeys a stranger's commands, too: its rate and latch are then not ours."""
     not_ours = ("rate_broken", "latch_broken", "not_at_rest")
     is_stranger = any(fault["kind"] == "foreign_command" for fault in case.faults)

@@ -1,7 +1,10 @@
 """Cases 41, 42, 44, 45: leaks, blocked outlets, valves that move, and a rig that is merely not what its file says."""
 
+from typing import Any
+
 import pytest
 
+from hil.core.types import Pair
 from tests.faults.faults_bench import RIM_CM, assert_no_trip, fault, first, play, story, watched
 from tests.narrowing import not_none
 
@@ -54,13 +57,13 @@ def test_case_44_valve_split_drifts(pump: int, by: float) -> None:
     assert not [name for name in run.names if name.startswith(("sensor", *PUMP_KINDS))], run.told
 
 
-def wandering(duration_s: float):
+def wandering(duration_s: float) -> tuple[tuple[float, Pair], ...]:
     """References that step every 40 s, up and down."""
     steps = ((0.3, 0.2), (-0.2, 0.1), (-0.1, -0.3), (0.0, 0.0), (0.2, -0.2), (-0.2, 0.2))
     return tuple((20.0 + 40.0 * i, steps[i % len(steps)]) for i in range(int(duration_s / 40.0)))
 
 
-def quiet(duration_s: float):
+def quiet(duration_s: float) -> dict[str, Any]:
     """No fault; 5 % of model error, and turbulence."""
     emulator = {"parameter_spread": 0.05, "tanks": {"turbulence_cm3_sqrt_s": 0.02}}
     return story(duration_s=duration_s, method="glr", references=wandering(duration_s), emulator=emulator)

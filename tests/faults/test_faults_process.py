@@ -5,12 +5,14 @@ Cases 48 (SIGSTOP), 49, 50 and 52 are in tests/live, two processes in real time;
 
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from firmware_sim.frames import NodeState
 from hil.core import estimator
-from hil.core.types import Mode
+from hil.core.diagnosis.detector import FaultDetector
+from hil.core.types import Diagnosis, Mode
 from hil.edge.record.rerun_log import RerunLog, RunCard
 from hil.review.blueprint import blueprint
 from tests.bus.runtime_bench import MS, bench_in
@@ -54,13 +56,13 @@ def test_case_47_controller_stalls(tmp_path: Path, stall_ms: int) -> None:
 class Raising:
     """The scenario's own detector, that raises from a time on."""
 
-    def __init__(self, detector, error: Exception) -> None:
+    def __init__(self, detector: FaultDetector, error: Exception) -> None:
         self._detector, self._error = detector, error
 
-    def start(self):
+    def start(self) -> Any:
         return self._detector.start()
 
-    def step(self, memory, t_s, *arguments):
+    def step(self, memory: Any, t_s: float, *arguments: Any) -> tuple[Any, Diagnosis]:
         if t_s >= AT_S - TIME_TOLERANCE_S:
             raise self._error
         return self._detector.step(memory, t_s, *arguments)
@@ -85,7 +87,7 @@ def test_case_51_estimator_raises(monkeypatch: pytest.MonkeyPatch) -> None:
     """So with the level filter."""
     steps, real = [], estimator.step
 
-    def failing(*arguments) -> estimator.Estimate:
+    def failing(*arguments: Any) -> estimator.Estimate:
         steps.append(1)
         if len(steps) == round(AT_S / T_S):
             raise ValueError("singular")

@@ -1,6 +1,8 @@
 """Cases 38 to 40, 43, 58, 59: pumps that weaken, die, run on or run dry, and the gains that follow. 3 % off."""
 
+from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import pytest
 
@@ -16,6 +18,7 @@ from tests.faults.faults_bench import (
     story,
     watched,
 )
+from tests.narrowing import not_none
 
 AT_S = 25.0
 PUMPS = (1, 2)
@@ -31,7 +34,7 @@ def test_case_38_pump_loses_gain(pump: int, lost: float) -> None:
     """10 % are found, 20 % and more isolated and answered with new gains, within 10 s."""
     run = play(watched(fault("pump_effectiveness", AT_S, pump, 1.0 - lost)))
     assert_no_trip(run)
-    assert AT_S <= min(f.detected_s for f in run.findings) <= AT_S + 10.0, run.told
+    assert AT_S <= min(not_none(f.detected_s) for f in run.findings) <= AT_S + 10.0, run.told
     if lost > 0.15:
         found = run.finding(f"pump_effectiveness {pump}")
         assert found.isolated_s is not None
@@ -90,7 +93,9 @@ def test_case_43_reservoir_low_and_an_outlet_blocked_at_once() -> None:
     assert_tripped(run, AT_S, 2.0, "dry_run")
 
 
-def flapping(values, *, every_s: float = 1.0, from_s: float = 10.0, to_s: float = 60.0):
+def flapping(
+    values: Sequence[float], *, every_s: float = 1.0, from_s: float = 10.0, to_s: float = 60.0
+) -> list[dict[str, Any]]:
     """A pump that loses a share of its gain and gets it back, again and again."""
     times = [from_s + i * 2 * every_s for i in range(int((to_s - from_s) / (2 * every_s)))]
     return [
@@ -117,7 +122,10 @@ def test_case_58_flapping(method: str, left: float) -> None:
 def test_case_59_gain_change_at_saturation(left: float) -> None:
     """New gains while a pump is at its limit: no step beyond the rate, and no windup to pay back afterwards."""
     up, down = (5.0, (2.2, 0.0)), (40.0, (-2.2, 0.0))
-    made = {"diagnosis": {"method": "ideal", "delay_s": 0.2}, "rig": {"pumps": {"range_V": [0.0, LIMIT_V]}}}
+    made: dict[str, Any] = {
+        "diagnosis": {"method": "ideal", "delay_s": 0.2},
+        "rig": {"pumps": {"range_V": [0.0, LIMIT_V]}},
+    }
     run = play(
         story(fault("pump_effectiveness", 7.0, 1, left), duration_s=140.0, references=(up, down), **made),
     )

@@ -4,9 +4,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from math import inf, nan
+from typing import Any
 
 import pytest
 
+from hil.core.diagnosis.detector import FaultDetector
 from hil.core.types import Diagnosis, Mode
 from tests.faults.faults_bench import (
     OFF,
@@ -132,18 +134,18 @@ def test_case_34_without_a_diagnosis(sensor: int) -> None:
 class Nonsense:
     """The scenario's own detector, with something in its verdict that is no number from a time on."""
 
-    def __init__(self, detector, damage: Callable[[Diagnosis], Diagnosis]) -> None:
+    def __init__(self, detector: FaultDetector, damage: Callable[[Diagnosis], Diagnosis]) -> None:
         self._detector, self._damage = detector, damage
 
-    def start(self):
+    def start(self) -> Any:
         return self._detector.start()
 
-    def step(self, memory, t_s, *arguments):
+    def step(self, memory: Any, t_s: float, *arguments: Any) -> tuple[Any, Diagnosis]:
         memory, diagnosis = self._detector.step(memory, t_s, *arguments)
         return memory, self._damage(diagnosis) if t_s >= 5.0 - TIME_TOLERANCE_S else diagnosis
 
 
-NONSENSE = {
+NONSENSE: dict[str, Callable[[Diagnosis, float], Diagnosis]] = {
     "effectiveness": lambda d, x: replace(d, effectiveness=(x, 1.0)),
     "levels": lambda d, x: replace(d, trusted=(False, True, True, True), level_V=(x, 6.0, 0.8, 0.7)),
     "all levels": lambda d, x: replace(d, level_V=(x,) * 4),

@@ -5,6 +5,8 @@ real time, for cases 24, 28 and 47 to 50, are in tests/live; adapters that answe
 """
 
 import re
+from collections.abc import Callable, Iterable
+from functools import partial
 
 import pytest
 
@@ -24,6 +26,7 @@ from tests.faults.faults_bench import (
     T_S,
     TIME_TOLERANCE_S,
     W_S,
+    Run,
     assert_no_trip,
     assert_safe,
     assert_tripped,
@@ -46,12 +49,12 @@ def line(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> slc
     return made
 
 
-def counts(line: str):
+def counts(line: slcan_bench.Line) -> dict[str, int]:
     """What the line has counted, but for zeros."""
     return {name: number for name, number in line.host.counts.items() if number}
 
 
-def test_a_run_over_a_line_is_the_same_to_the_bit(line: str) -> None:
+def test_a_run_over_a_line_is_the_same_to_the_bit(line: slcan_bench.Line) -> None:
     run = line.play(story(fault("frame_loss", 2.0, "LowerLevels", 0.2)))
     assert run.ticks == play(story(fault("frame_loss", 2.0, "LowerLevels", 0.2))).ticks
     assert counts(line) == {}
@@ -64,10 +67,10 @@ def test_a_run_over_an_adapter_with_other_line_ends_is_the_same_to_the_bit(
 ) -> None:
     """Every received frame used to be rejected, and the rig was never ready: "levels are too old"."""
 
-    def other_end(text):
+    def other_end(text: bytes) -> bytes:
         return text.replace(b"\r", end)
 
-    def on_step(t_s) -> None:
+    def on_step(t_s: float) -> None:
         del t_s
         line.far.garble = other_end
         if which == "all lines":
@@ -126,7 +129,7 @@ def test_case_09_crc_wrong_five_times() -> None:
     of_frames.test_case_09_crc_wrong_five_times("LowerLevels")
 
 
-def test_case_10_every_one_bit_flip_of_a_line(line: str) -> None:
+def test_case_10_every_one_bit_flip_of_a_line(line: slcan_bench.Line) -> None:
     """Each bit of each character: refused by line or wire, or the same frame in the other case; the next is taken."""
     del line  # of bytes alone
     payload = node.pack_levels(node.LOWER_LEVELS_ID, (6.2, 6.4), (node.ChannelStatus.OK,) * 2, 3)
@@ -167,15 +170,24 @@ def test_case_15_wrong_length(frame: str) -> None:
     of_frames.test_case_15_wrong_length(frame)
 
 
-def play_with(line: str, changes):
+def _without(cut: int, text: bytes) -> bytes:
+    """A line whose last digits are missing."""
+    return text[: -1 - cut] + b"\r"
+
+
+def _with(byte: bytes, at: int, text: bytes) -> bytes:
+    return text[:at] + byte + text[at:]
+
+
+def play_with(line: slcan_bench.Line, changes: Iterable[Callable[[bytes], bytes]]) -> Run:
     """A run in which a level frame's line is changed every 0.3 s from AT_S on, by one change after the other."""
     left = [(AT_S + 0.3 * number, change) for number, change in enumerate(changes)]
-    due = []
+    due: list[Callable[[bytes], bytes]] = []
 
-    def garble(text):
+    def garble(text: bytes) -> bytes:
         return due.pop()(text) if due and text.startswith(b"t1827") else text
 
-    def on_step(t_s) -> None:
+    def on_step(t_s: float) -> None:
         line.far.garble = garble
         if left and t_s >= left[0][0]:
             due.append(left.pop(0)[1])
@@ -186,10 +198,10 @@ def play_with(line: str, changes):
     return run
 
 
-def test_case_16_payload_shorter_than_its_length(line: str) -> None:
+def test_case_16_payload_shorter_than_its_length(line: slcan_bench.Line) -> None:
     """1, 2, 4, 13 or 14 digits are missing: such a frame is dropped, nothing raises, no trip."""
     cuts = (1, 2, 4, 13, 14)
-    run = play_with(line, [lambda text, cut=cut: text[: -1 - cut] + b"\r" for cut in cuts])
+    run = play_with(line, [partial(_without, cut) for cut in cuts])
     assert_no_trip(run)
     assert run.outcome.frames_lost == len(cuts)
     assert counts(line) == {"rejected_payload": len(cuts)}
@@ -205,7 +217,7 @@ def test_case_18_19_extended_and_remote_frames(frame: str, kind: str) -> None:
     of_frames.test_case_18_19_extended_and_remote_frames(frame, kind)
 
 
-def test_case_20_error_frames_can_not_be_said(line: str) -> None:
+def test_case_20_error_frames_can_not_be_said(line: slcan_bench.Line) -> None:
     """slcan has no words for them: a storm changes nothing, and the ages still watch over what comes."""
     run = line.play(story(fault("error_frames", AT_S, None, 200.0)))
     assert_no_trip(run)
@@ -216,7 +228,7 @@ def test_case_21_bus_off() -> None:
     of_bus.test_case_21_bus_off()
 
 
-def assert_stays_safe(line: str, run) -> None:
+def assert_stays_safe(line: slcan_bench.Line, run: Run) -> None:
     """Another run on another line is not armed by itself; only when the trip is cleared on purpose."""
     again = line.play(story(duration_s=5.0, rig={"safety": {"arm_timeout_s": 2.0}}), emulator=run.emulator)
     assert again.outcome.status == "failed"
@@ -226,7 +238,7 @@ def assert_stays_safe(line: str, run) -> None:
     assert cleared.outcome.status == "complete"
 
 
-def test_case_22_adapter_boots_in_the_midst_of_a_run(line: str) -> None:
+def test_case_22_adapter_boots_in_the_midst_of_a_run(line: slcan_bench.Line) -> None:
     """Its channel is closed then: no frame comes, each command is refused; never opened again behind our back."""
     run = line.play(story(duration_s=30.0), on_step=line.at(AT_S, lambda far: far.boot()))
     assert_tripped(run, AT_S, RX_S + T_S, "stale_levels", "stale_status", "node_lost", "node_tripped")
@@ -235,7 +247,7 @@ def test_case_22_adapter_boots_in_the_midst_of_a_run(line: str) -> None:
     assert_stays_safe(line, run)
 
 
-def test_case_23_transmit_queue_full(line: str) -> None:
+def test_case_23_transmit_queue_full(line: slcan_bench.Line) -> None:
     """The adapter refuses (BELL) what its queue has no room for: dropped for good, trip within 3 T, safe within W."""
     run = line.play(story(duration_s=30.0), on_step=line.at(AT_S, lambda far: setattr(far, "refuses", True)))
     assert_tripped(run, AT_S, T_S + 3 * T_S, "node_tripped", "echo_missing")
@@ -244,7 +256,7 @@ def test_case_23_transmit_queue_full(line: str) -> None:
     assert counts(line) == {"refused": len(commands) - 1}, "each but the very last, whose answer nobody waits for"
 
 
-def test_case_24_adapter_unplugged_and_plugged_again(line: str) -> None:
+def test_case_24_adapter_unplugged_and_plugged_again(line: slcan_bench.Line) -> None:
     """The line breaks: trip in the step that sees it, safe within W; on a new line nothing moves until cleared."""
     run = line.play(story(duration_s=30.0), on_step=line.at(AT_S, lambda far: far.unplug()))
     assert_tripped(run, AT_S, T_S, "bus_failed")
@@ -253,11 +265,11 @@ def test_case_24_adapter_unplugged_and_plugged_again(line: str) -> None:
     assert_stays_safe(line, run)
 
 
-def test_case_25_any_garbage_between_two_lines(line: str) -> None:
+def test_case_25_any_garbage_between_two_lines(line: slcan_bench.Line) -> None:
     """Bytes beyond ASCII and all else that a line may bring: the next frame is received, and not one is lost."""
     left = list(GARBAGE.values())
 
-    def on_step(t_s) -> None:
+    def on_step(t_s: float) -> None:
         if left and t_s >= AT_S:
             line.far.say(left.pop())
 
@@ -269,16 +281,16 @@ def test_case_25_any_garbage_between_two_lines(line: str) -> None:
 
 
 @pytest.mark.parametrize("byte", [b"\xff", b"\x00", b"\n", b"\a"])
-def test_case_25_a_byte_in_the_midst_of_a_line(line: str, byte: bytes) -> None:
+def test_case_25_a_byte_in_the_midst_of_a_line(line: slcan_bench.Line, byte: bytes) -> None:
     """Such a frame is lost for good, the next one is received."""
     places = (1, 3, 10)
-    run = play_with(line, [lambda text, at=at: text[:at] + byte + text[at:] for at in places])
+    run = play_with(line, [partial(_with, byte, at) for at in places])
     assert_no_trip(run)
     assert run.outcome.frames_lost == len(places)
     assert max(tick.levels_age_s for tick in run.ticks) <= RX_S
 
 
-def test_case_25_nothing_but_garbage_trips_on_age(line: str) -> None:
+def test_case_25_nothing_but_garbage_trips_on_age(line: slcan_bench.Line) -> None:
     """Every line is spoilt: the link is up, nothing of ours comes, and the ages trip."""
     spoilt = line.at(AT_S, lambda far: setattr(far, "garble", lambda text: text[:2] + b"\xff" + text[3:]))
     run = line.play(story(duration_s=30.0), on_step=spoilt)
@@ -286,10 +298,10 @@ def test_case_25_nothing_but_garbage_trips_on_age(line: str) -> None:
     assert counts(line)["rejected_garbled"] > 10
 
 
-def test_case_26_line_without_end(line: str) -> None:
+def test_case_26_line_without_end(line: slcan_bench.Line) -> None:
     """20 kB without CR: no more than 1 kB is kept, the line that ends it is lost, all else goes on."""
 
-    def babble(far) -> None:
+    def babble(far: slcan_bench.Far) -> None:
         for _ in range(20):
             far.say(b"A" * 1000)
             far.deliver(line.host)
@@ -301,7 +313,7 @@ def test_case_26_line_without_end(line: str) -> None:
     assert counts(line) == {"rejected_endless": 1}
 
 
-def test_case_27_every_send_refused(line: str) -> None:
+def test_case_27_every_send_refused(line: slcan_bench.Line) -> None:
     """The adapter refuses every command: safe within W, the missing echo trips within 5 T, each refusal is counted."""
     run = line.play(story(), on_step=line.at(AT_S, lambda far: setattr(far, "refuses", True)))
     assert_tripped(run, AT_S, 5 * T_S, "echo_missing", "node_tripped")
@@ -314,11 +326,11 @@ def test_case_27_every_send_refused(line: str) -> None:
 
 @pytest.mark.parametrize("from_s", [-2.0, AT_S])
 def test_lines_that_are_rejected_are_named_when_the_rig_is_not_ready_and_when_it_trips(
-    line: str, from_s: float
+    line: slcan_bench.Line, from_s: float
 ) -> None:
     """That 1,668 lines were rejected used to be said only at the end of a run; the text blamed old levels alone."""
 
-    def garble(text):
+    def garble(text: bytes) -> bytes:
         return text[:-3] + b"\r" if text.startswith(b"t18") else text
 
     run = line.play(
@@ -336,7 +348,7 @@ def test_lines_that_are_rejected_are_named_when_the_rig_is_not_ready_and_when_it
     assert re.search(r"; [\d,]+ lines rejected: [\d,]+ payload$", text), text
 
 
-def test_case_27_every_send_refused_from_the_start(line: str) -> None:
+def test_case_27_every_send_refused_from_the_start(line: slcan_bench.Line) -> None:
     """So from the first command on: the pumps never move."""
     run = line.play(
         story(rig={"safety": {"arm_timeout_s": 2.0}}), on_step=line.at(-2.0, lambda far: setattr(far, "refuses", True))
@@ -346,7 +358,7 @@ def test_case_27_every_send_refused_from_the_start(line: str) -> None:
     assert all(change.applied_V == OFF for change in run.keeper.changes if change.node == "pump")
 
 
-def test_case_28_adapter_stops_reading(line: str) -> None:
+def test_case_28_adapter_stops_reading(line: slcan_bench.Line) -> None:
     """The commands wait in the line: trip; when it reads again, the node refuses them all and stays at 0 V."""
     run = line.play(story(duration_s=30.0), on_step=line.at(AT_S, lambda far: setattr(far, "is_deaf", True)))
     assert_tripped(run, AT_S, RX_S + T_S, "node_tripped", "echo_missing")

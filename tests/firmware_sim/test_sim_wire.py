@@ -168,6 +168,7 @@ def test_ids_data_ids_and_lengths_are_those_of_the_dbc(database: Database) -> No
     in_dbc = {message.frame_id: message for message in database.messages}
     assert in_dbc.keys() == frames.DATA_IDS.keys()
     for can_id, message in in_dbc.items():
+        assert message.dbc is not None
         assert message.dbc.attributes["DataId"].value == frames.DATA_IDS[can_id]
         assert not message.is_extended_frame
     assert in_dbc[COMMAND_ID].length == frames.COMMAND_LENGTH
