@@ -32,7 +32,7 @@ $(READY): requirements.lock pyproject.toml
 	$(BIN)/python -m hil.core.diagnosis.glr
 	@touch $@
 
-demo: $(READY)   ## the paper's experiment, table 3 beside the paper's, and its fault with nobody to tell
+demo: $(READY)   ## the paper's experiment: table 3 beside the paper's, then the fault with each detector
 	@$(BIN)/hil demo
 
 test: lint unit  ## all checks and tests

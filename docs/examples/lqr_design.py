@@ -9,7 +9,7 @@ import hil
 class LqrDesign:
     """Minimises the integral of x'Qx + u'Ru for the state [levels; integrals of the errors]."""
 
-    follows_reference = True  # the gains are computed anew for each operating point
+    follows_reference = True  # gains are computed again for each operating point
 
     def gains(self, linear: hil.LinearModel) -> hil.Gains:
         """Gains for u = -K [h - h0; q], with q' = r - y."""

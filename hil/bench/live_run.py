@@ -53,8 +53,8 @@ def run_live(
 
 def _real_time(stack: ExitStack, wanted: RealTime, recorder: ProcessRecorder) -> Callable[[], None]:
     """What the system grants of it, for this thread; what it doesn't is in the record and on the terminal."""
-    granted = stack.enter_context(realtime.granted(wanted))
-    for refusal in granted.refusals:
+    applied = stack.enter_context(realtime.applied(wanted))
+    for refusal in applied.refusals:
         sys.stderr.write(f"hil: {refusal}\n")
         recorder.event(0.0, Event(Severity.WARNING, "realtime", refusal))
-    return granted.housekeeping
+    return applied.housekeeping

@@ -12,7 +12,7 @@ from hil.review.run_figures import BLUE, INK, ORANGE, panels, svg
 
 BINS = 40
 MARKS_S = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
-SHORTEST_S = 0.05
+MIN_DELAY_S = 0.05
 """Delays below this, and none at all, fall into the first bin."""
 
 
@@ -22,12 +22,12 @@ def delays(label: str, rows: Sequence[Row], bound_s: float | None) -> str:
     told = _known(row.isolation_s for row in rows)
     figure, (axes,) = panels(1)
     both = np.concatenate((found, told))
-    edges = np.geomspace(SHORTEST_S, max(10.0, 1.05 * both.max() if len(both) else 10.0), BINS + 1)
+    edges = np.geomspace(MIN_DELAY_S, max(10.0, 1.05 * both.max() if len(both) else 10.0), BINS + 1)
     for values, color, name in ((found, BLUE, "found"), (told, ORANGE, "told what it is")):
         if len(values):
             axes.hist(values, bins=edges.tolist(), color=color, alpha=0.6, label=f"{name} ({len(values)})")
     if bound_s is not None:
-        axes.axvline(max(bound_s, SHORTEST_S), color=INK, lw=1.2, dashes=(4, 2), label=f"bound {bound_s:.2g} s")
+        axes.axvline(max(bound_s, MIN_DELAY_S), color=INK, lw=1.2, dashes=(4, 2), label=f"bound {bound_s:.2g} s")
     axes.set_xscale("log")
     marks = [mark for mark in MARKS_S if mark <= edges[-1]]
     axes.set_xticks(marks, [f"{mark:g}" for mark in marks])
@@ -40,4 +40,4 @@ def delays(label: str, rows: Sequence[Row], bound_s: float | None) -> str:
 
 
 def _known(values: object) -> np.ndarray:
-    return np.array([max(value, SHORTEST_S) for value in values if value is not None])  # type: ignore[attr-defined]
+    return np.array([max(value, MIN_DELAY_S) for value in values if value is not None])  # type: ignore[attr-defined]

@@ -116,7 +116,7 @@ def _diagnosis(
     answers = [finding for finding in verdict.answers if finding is not None]
     after = [finding for finding in findings if finding not in verdict.false]
     columns: dict[str, Any] = {
-        "declared": " + ".join(sorted({_told(finding) for finding in after})),
+        "declared": " + ".join(sorted({_name_of(finding) for finding in after})),
         "flips": sum(finding.flips for finding in findings),
         "false_alarms": len(verdict.false),
         "spurious_alarms": len(verdict.spurious),
@@ -227,7 +227,7 @@ def _ending(seen: Observations, ending: Ending) -> dict[str, Any]:
     }
 
 
-def _told(finding: Finding) -> str:
+def _name_of(finding: Finding) -> str:
     return finding.kind if finding.kind == UNRESOLVED else f"{finding.kind} {finding.target}"
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Self
 from pydantic import Field, model_validator
 
 from hil.edge.config.settings_file import (
-    LONGEST_S,
+    MAX_DURATION_S,
     Finite,
     NotNegative,
     Positive,
@@ -31,11 +31,11 @@ class CampaignInfo(Section):
     scenarios: Annotated[tuple[str, ...], Field(min_length=1)]
     first_seed: Annotated[int, Field(ge=0, le=MAX_SEEDS)] = 1
     seeds: Annotated[int, Field(ge=1, le=MAX_SEEDS)] = 10
-    duration_s: Annotated[float, Field(gt=0.0, le=LONGEST_S, allow_inf_nan=False)] | None = None
+    duration_s: Annotated[float, Field(gt=0.0, le=MAX_DURATION_S, allow_inf_nan=False)] | None = None
 
 
 class Timed(Section):
-    """When a fault begins, drawn anew for each seed from onset_s, and how long it lasts (for good when not said)."""
+    """When a fault begins, drawn from onset_s for each seed, and how long it lasts (None: until the end)."""
 
     onset_s: Span
     lasts_s: Positive | None = None

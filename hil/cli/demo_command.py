@@ -1,4 +1,4 @@
-"""`hil demo`: the paper's experiment over the virtual bus, and its fault once more with nobody to tell of it."""
+"""`hil demo`: the paper's experiment over the virtual bus, and the same fault with each fault detector."""
 
 from __future__ import annotations
 
@@ -19,28 +19,31 @@ from hil.bench import assembly, lockstep_run, run_options
 from hil.bench.campaign_case import run_case
 from hil.campaigns.cases import Case
 from hil.cli import demo_tables
-from hil.cli.demo_tables import Figures
+from hil.cli.demo_tables import GLR_DETECTOR, IDEAL_DETECTOR, NO_RECONFIGURATION, Figures
 from hil.edge.config.scenario_file import Scenario
 from hil.edge.config.settings_file import default_config_dir, merged, read_toml, validated
 from hil.edge.record.run_folder import RunFolder, RunFolderError
 from hil.review.kpi import Kpi
 from hil.review.run_report import write_report
 
-KEPT: dict[str, Any] = {"diagnosis": {"method": "none"}, "control": {"reconfigure": False}}
-TOLD: dict[str, Any] = {"diagnosis": {"method": "ideal", "delay_s": 1.0}}
-FOUND: dict[str, Any] = {"diagnosis": {"method": "glr"}}
+NO_DETECTOR: dict[str, Any] = {"diagnosis": {"method": "none"}, "control": {"reconfigure": False}}
+IDEAL: dict[str, Any] = {"diagnosis": {"method": "ideal", "delay_s": 1.0}}
+GLR: dict[str, Any] = {"diagnosis": {"method": "glr"}}
 SHORT: dict[str, Any] = {"scenario": {"duration_s": 350.0}}
-"""Up to the end of the window that the fault lies in."""
+"""Up to the end of the window in which the fault begins."""
+
+RECORDED = ("glr_detector", "no_reconfiguration")
+"""Folders of the two runs that are recorded."""
 
 RIGS = (1, 2, 3)
-"""Seeds. Each draws a rig of its own, and its noise."""
+"""Seeds: each draws the parameters of a rig, and its noise."""
 
 
 @dataclass(frozen=True)
 class Job:
     """One run of the demonstration, for a worker process.
 
-    changes : laid over the scenario. record : the folder it leaves; without one nothing is recorded.
+    changes : laid over the scenario. record : the run folder; None: nothing is recorded.
     """
 
     scenario_path: Path
@@ -69,25 +72,26 @@ def run(console: Console, out: Path, config_dir: Path | None) -> None:
     figures = _run_all(console, jobs)
     for line in demo_tables.both(figures, RIGS):
         console.print(line, highlight=False)
-    found, kept = (RunFolder.open(folder / name) for name in ("found", "kept"))
-    report = write_report(found, kept)
+    glr, without = (RunFolder.open(folder / name) for name in RECORDED)
+    report = write_report(glr, without)
     console.print(f"Report:    {report}", soft_wrap=True, highlight=False)
-    console.print(f"Recording: {found.rrd_path}  (hil view {found.path})", soft_wrap=True, highlight=False)
+    console.print(f"Recording: {glr.rrd_path}  (hil view {glr.path})", soft_wrap=True, highlight=False)
 
 
 def _jobs(config: Path, folder: Path) -> dict[str, Job]:
-    """The runs by the names that the tables know them by, the long ones first."""
+    """The runs by the names that the tables use, the long ones first."""
     quick, rig, one = (config / f"scenarios/{name}.toml" for name in ("paper_quick", "paper_glr", "pump_loss"))
+    glr, without = (folder / name for name in RECORDED)
     return {
-        "ideal kept": Job(quick, config, KEPT),
-        "ideal told": Job(quick, config, TOLD),
-        "both recorded": Job(rig, config, FOUND, record=folder / "found"),
-        "both kept": Job(rig, config, KEPT, record=folder / "kept"),
-        "both told": Job(rig, config, TOLD),
-        **{f"both found {seed}": Job(rig, config, FOUND | SHORT, seed) for seed in RIGS},
-        "one kept": Job(one, config, KEPT | SHORT),
-        "one told": Job(one, config, TOLD | SHORT),
-        **{f"one found {seed}": Job(one, config, FOUND | SHORT, seed) for seed in RIGS},
+        f"ideal plant, {NO_RECONFIGURATION}": Job(quick, config, NO_DETECTOR),
+        f"ideal plant, {IDEAL_DETECTOR}": Job(quick, config, IDEAL),
+        "recorded": Job(rig, config, GLR, record=glr),
+        f"both pumps, {NO_RECONFIGURATION}": Job(rig, config, NO_DETECTOR, record=without),
+        f"both pumps, {IDEAL_DETECTOR}": Job(rig, config, IDEAL),
+        **{f"both pumps, {GLR_DETECTOR}, rig {seed}": Job(rig, config, GLR | SHORT, seed) for seed in RIGS},
+        f"pump 1, {NO_RECONFIGURATION}": Job(one, config, NO_DETECTOR | SHORT),
+        f"pump 1, {IDEAL_DETECTOR}": Job(one, config, IDEAL | SHORT),
+        **{f"pump 1, {GLR_DETECTOR}, rig {seed}": Job(one, config, GLR | SHORT, seed) for seed in RIGS},
     }
 
 

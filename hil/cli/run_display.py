@@ -65,7 +65,7 @@ class LiveStatus:
         return self
 
     def __exit__(self, *exc: object) -> None:
-        """Draw what is left; a terminal that takes nothing is left behind."""
+        """Draw what is left; the display gives up on a blocked terminal."""
         self._stop.set()
         self._thread.join(timeout=1.0)
 

@@ -1,4 +1,4 @@
-"""Real time for the control loop: granted and given back, or refused with a line that says what is missing."""
+"""Real time for the control loop: applied and given back, or refused with a line that says what is missing."""
 
 import gc
 import os
@@ -10,7 +10,7 @@ import pytest
 
 from hil.edge.host import realtime
 from hil.edge.host.clock import MonotonicClock
-from hil.edge.host.realtime import STEPS_PER_COLLECTION, RealTime, RealTimeError, wish
+from hil.edge.host.realtime import STEPS_PER_COLLECTION, RealTime, RealTimeError, parse_request
 
 UNPRIVILEGED = 65534
 
@@ -30,9 +30,9 @@ needs_fifo = pytest.mark.skipif(not may_use_fifo(), reason="this user may not us
 
 @pytest.mark.parametrize("priority", [1, 50, 99])
 def test_a_wish_within_range_is_granted_as_it_is(priority: int) -> None:
-    assert wish(True, priority, None) == RealTime(priority, None)
-    assert wish(True, None, min(os.sched_getaffinity(0))) == RealTime(80, min(os.sched_getaffinity(0)))
-    assert wish(False, None, None) is None
+    assert parse_request(True, priority, None) == RealTime(priority, None)
+    assert parse_request(True, None, min(os.sched_getaffinity(0))) == RealTime(80, min(os.sched_getaffinity(0)))
+    assert parse_request(False, None, None) is None
 
 
 @pytest.mark.parametrize(
@@ -50,14 +50,14 @@ def test_a_wish_that_no_privilege_makes_possible_is_one_line(
     arguments: tuple[bool, int | None, int | None], says: str
 ) -> None:
     with pytest.raises(RealTimeError, match=says):
-        wish(*arguments)
+        parse_request(*arguments)
 
 
 @needs_fifo
 def test_what_is_granted_holds_for_this_thread_and_is_given_back() -> None:
     cpu, before = min(os.sched_getaffinity(0)), os.sched_getaffinity(0)
     seen = []
-    with realtime.granted(RealTime(42, cpu)):
+    with realtime.applied(RealTime(42, cpu)):
         assert os.sched_getscheduler(0) == os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
         assert os.sched_getparam(0).sched_priority == 42
         assert os.sched_getaffinity(0) == {cpu}
@@ -74,12 +74,12 @@ def test_what_was_there_at_the_start_is_not_searched_for_garbage_and_the_rest_is
         def __init__(self) -> None:
             self.me = self
 
-    with realtime.granted(RealTime()) as granted:
+    with realtime.applied(RealTime()) as applied:
         assert not gc.isenabled()
         assert gc.get_freeze_count() > 0
         Knot()
         for _ in range(STEPS_PER_COLLECTION):
-            granted.housekeeping()
+            applied.housekeeping()
         assert not [one for one in gc.get_objects() if isinstance(one, Knot)]
     assert gc.isenabled()
     assert gc.get_freeze_count() == 0
@@ -93,8 +93,8 @@ def test_without_privileges_each_refusal_names_what_is_missing_and_the_run_goes_
         "resource.setrlimit(resource.RLIMIT_MEMLOCK, (65536, 65536))\n"
         "resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))\n"
         f"os.setuid({UNPRIVILEGED})\n"
-        "with realtime.granted(realtime.RealTime(80)) as granted:\n"
-        "    print(*granted.refusals, sep='\\n')\n"
+        "with realtime.applied(realtime.RealTime(80)) as applied:\n"
+        "    print(*applied.refusals, sep='\\n')\n"
         "    print(os.sched_getscheduler(0) == os.SCHED_OTHER)\n"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)

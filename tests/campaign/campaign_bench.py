@@ -93,10 +93,10 @@ def first_case(file: Path) -> Case:
 
 
 def row(**changes: Any) -> Row:
-    """A sound run without a fault, but for the changes."""
-    sound = crash(Case("key", "no fault", "short", 1, {}), RuntimeError(), Elapsed(2.0, 1.0))
-    sound = replace(sound, crashed=False, broken="", status="complete", reason="", hours=0.5, healthy_h=0.5, steps=1000)
-    return replace(sound, **changes)
+    """A healthy run without a fault, but for the changes."""
+    plain = crash(Case("key", "no fault", "short", 1, {}), RuntimeError(), Elapsed(2.0, 1.0))
+    plain = replace(plain, crashed=False, broken="", status="complete", reason="", hours=0.5, healthy_h=0.5, steps=1000)
+    return replace(plain, **changes)
 
 
 def without_times(rows: list[Row]) -> list[dict[str, Any]]:

@@ -43,16 +43,16 @@ class Change:
 
 def seen(steps: int = 100, **columns: float | npt.NDArray[Any]) -> Observations:
     """A run at rest at 3 V and 10 cm, but for the columns given."""
-    sound: dict[str, float | npt.NDArray[Any]] = {
+    healthy: dict[str, float | npt.NDArray[Any]] = {
         "t_s": np.arange(steps) * 0.1,
         "r1_V": 5.0,
         "r2_V": 5.0,
         "v1_V": 3.0,
         "v2_V": 3.0,
     }
-    sound |= {f"h{tank}_cm": 10.0 for tank in (1, 2, 3, 4)} | {"accepted": np.arange(steps), "e1": 1.0, "e2": 1.0}
+    healthy |= {f"h{tank}_cm": 10.0 for tank in (1, 2, 3, 4)} | {"accepted": np.arange(steps), "e1": 1.0, "e2": 1.0}
     table = np.empty((steps, len(COLUMNS)))
-    for name, values in {**sound, **columns}.items():
+    for name, values in {**healthy, **columns}.items():
         table[:, COLUMNS.index(name)] = values
     return Observations(table, (), "", "")
 
@@ -68,7 +68,7 @@ def at(step: int, value: float, otherwise: float, steps: int = 100) -> np.ndarra
     return values
 
 
-def test_a_sound_run_breaks_nothing() -> None:
+def test_a_healthy_run_breaks_nothing() -> None:
     one = judged(seen())
     assert (one.breaks, one.broken, one.level_max_cm) == ((), "", 10.0)
 

@@ -19,7 +19,7 @@ SCENARIO = Path(__file__).resolve().parents[2] / "config/scenarios/steps.toml"
         (("--realtime", "--cpu", "4096"), "hil: --cpu 4096 is not one of this process's processors: "),
     ],
 )
-def test_a_bad_wish_is_one_line_and_makes_no_folder(tmp_path: Path, options: tuple[str, ...], says: str) -> None:
+def test_a_bad_request_is_one_line_and_makes_no_folder(tmp_path: Path, options: tuple[str, ...], says: str) -> None:
     out = tmp_path / "run"
     command: list[str | Path] = [HIL, "run", SCENARIO, "-i", "virtual", "-c", "x", "--out", out, *options]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60.0)

@@ -49,9 +49,9 @@ def run(
     cpu: Annotated[Optional[int], typer.Option(metavar="N", help="Use this processor only. Default: any.")] = None,
 ) -> None:
     """Run a scenario in real time on a CAN bus: the rig's, or the emulator's (firmware-sim). Moves pumps."""
-    from hil.edge.host.realtime import wish
+    from hil.edge.host.realtime import parse_request
 
-    wanted = wish(realtime, priority, cpu)  # before numpy is loaded: it may be told to start no threads
+    wanted = parse_request(realtime, priority, cpu)  # before numpy is loaded: it starts threads
     from hil.bench import assembly, live_run, run_options
     from hil.cli import run_display
     from hil.edge.can.bus import BusAddress

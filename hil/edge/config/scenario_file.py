@@ -9,7 +9,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from hil.core.fault_kinds import FaultKind
 from hil.edge.config.settings_file import (
-    LONGEST_S,
+    MAX_DURATION_S,
     Finite,
     LevelCm,
     LevelVolts,
@@ -26,7 +26,7 @@ class ScenarioInfo(Section):
     """Name and length of a scenario."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
-    duration_s: Annotated[float, Field(gt=0.0, le=LONGEST_S, allow_inf_nan=False)]
+    duration_s: Annotated[float, Field(gt=0.0, le=MAX_DURATION_S, allow_inf_nan=False)]
 
 
 class Reference(Section):

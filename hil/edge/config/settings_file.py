@@ -21,7 +21,7 @@ LevelVolts = Annotated[float, Field(ge=0.0, le=10.0, allow_inf_nan=False)]
 LevelCm = Annotated[float, Field(ge=0.0, le=20.0, allow_inf_nan=False)]
 Pole = Annotated[float, Field(lt=0.0, ge=-10.0, allow_inf_nan=False)]
 
-LONGEST_S = 1e7
+MAX_DURATION_S = 1e7
 """Longest run, 116 days."""
 
 Model = TypeVar("Model", bound="Section")

@@ -43,7 +43,7 @@ class RealTimeError(HilError, ValueError):
     """Something that no privilege would make possible."""
 
 
-def wish(is_wanted: bool, priority: int | None, cpu: int | None) -> RealTime | None:
+def parse_request(is_wanted: bool, priority: int | None, cpu: int | None) -> RealTime | None:
     """What the command line asks for, checked. Raises RealTimeError for a priority or processor that there is not.
 
     numpy, loaded afterwards, starts no threads of its own: matrices of six rows gain nothing by them.
@@ -68,7 +68,7 @@ def _check(wanted: RealTime) -> None:
 
 
 @dataclass(slots=True)
-class Granted:
+class Applied:
     """What came of it. refusals : one line each. housekeeping : to be called after each step."""
 
     refusals: tuple[str, ...]
@@ -82,7 +82,7 @@ class Granted:
 
 
 @contextmanager
-def granted(wanted: RealTime) -> Iterator[Granted]:
+def applied(wanted: RealTime) -> Iterator[Applied]:
     """Real time for the calling thread while the context lasts."""
     with ExitStack() as stack:
         refusals = [
@@ -91,7 +91,7 @@ def granted(wanted: RealTime) -> Iterator[Granted]:
             _schedule(wanted.priority, stack),
         ]
         _freeze(stack)
-        yield Granted(tuple(refusal for refusal in refusals if refusal))
+        yield Applied(tuple(refusal for refusal in refusals if refusal))
 
 
 def _schedule(priority: int, stack: ExitStack) -> str:

@@ -140,9 +140,9 @@ def bare(out: Path, period_s: float, seconds: float, priority: int, cpu: int) ->
     step = BareStep(round(seconds / period_s))
     port: Any = SilentPort()
     loop: Any = step
-    with realtime.granted(RealTime(priority, cpu)) as granted:
-        runtime.run(loop, port, MonotonicClock(), period_s, lambda: "", granted.housekeeping)
-    np.savez(out, late_us=1e6 * np.array(step.late_s), skipped=step.skipped, refusals=granted.refusals)
+    with realtime.applied(RealTime(priority, cpu)) as applied:
+        runtime.run(loop, port, MonotonicClock(), period_s, lambda: "", applied.housekeeping)
+    np.savez(out, late_us=1e6 * np.array(step.late_s), skipped=step.skipped, refusals=applied.refusals)
 
 
 def whole(
@@ -169,10 +169,10 @@ def whole(
         loop = ControlLoop(
             config, bench.contract, bench.rig.sensors.range_V, port, watch, arm_timeout_s=10.0, clock_ns=clock.now_ns
         )
-        granted = stack.enter_context(realtime.granted(RealTime(priority, cpu)))
+        applied = stack.enter_context(realtime.applied(RealTime(priority, cpu)))
         period_ns = round(period_s * 1e9)
         clock.sleep_until((clock.now_ns() // period_ns + 1) * period_ns)  # the node relies on it
-        outcome = runtime.run(loop, port, clock, period_s, lambda: "", granted.housekeeping)
+        outcome = runtime.run(loop, port, clock, period_s, lambda: "", applied.housekeeping)
         if outcome.status != "complete":
             raise RuntimeError(f"the run ended {outcome.status}: {outcome.reason}")
         if recorder is not None:
@@ -183,7 +183,7 @@ def whole(
         latency_us=1e6 * np.array(watch.latency_s[kept]),
         late_us=1e6 * np.array(watch.late_s[kept]),
         skipped=watch.skipped,
-        refusals=granted.refusals,
+        refusals=applied.refusals,
     )
 
 
