@@ -7,6 +7,9 @@ READY  := $(VENV)/.installed
 SAMPLE ?= 20
 SEED   ?= 1
 
+# compiled once and not by each of the hundreds of processes that the tests start
+export PYTHONDONTWRITEBYTECODE :=
+
 CORES        := $(shell getconf _NPROCESSORS_ONLN)
 WORKERS      ?= $(shell echo $$(($(CORES) + 1)))
 LIVE_WORKERS ?= $(shell echo $$((2 * $(CORES))))

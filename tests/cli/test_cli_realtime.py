@@ -1,12 +1,11 @@
 """What `hil run --realtime` refuses before anything moves."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-HIL = Path(sys.executable).parent / "hil"
+from tests import fork_server
+
 SCENARIO = Path(__file__).resolve().parents[2] / "config/scenarios/steps.toml"
 
 
@@ -21,8 +20,7 @@ SCENARIO = Path(__file__).resolve().parents[2] / "config/scenarios/steps.toml"
 )
 def test_a_bad_request_is_one_line_and_makes_no_folder(tmp_path: Path, options: tuple[str, ...], says: str) -> None:
     out = tmp_path / "run"
-    command: list[str | Path] = [HIL, "run", SCENARIO, "-i", "virtual", "-c", "x", "--out", out, *options]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60.0)
+    done = fork_server.run(["hil", "run", SCENARIO, "-i", "virtual", "-c", "x", "--out", out, *options])
     assert done.returncode == 2
     assert done.stderr.startswith(says)
     assert done.stderr.count("\n") == 1

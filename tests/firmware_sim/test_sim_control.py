@@ -1,9 +1,6 @@
 """The way of commands into the emulator: sockets by hand, the process with its standard input."""
 
-import os
 import socket
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,6 +8,7 @@ import pytest
 
 from firmware_sim.command_server import LINE_MAX, CommandServer, Lines, listen_unix
 from firmware_sim.links import listen
+from tests import fork_server
 from tests.firmware_sim.fault_bench import rig_with
 from tests.firmware_sim.sim_bench import SECOND
 
@@ -95,15 +93,7 @@ def test_a_path_in_use_is_refused_and_an_abandoned_one_is_taken_over(tmp_path: P
 
 @pytest.mark.parametrize("where", ["/nowhere/at/all", "99999"])
 def test_a_control_address_that_can_not_be_had_is_one_line(where: str) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "firmware_sim", "--pty", "--control", where],
-        capture_output=True,
-        text=True,
-        timeout=20,
-        check=False,
-        stdin=subprocess.DEVNULL,
-        env=os.environ,
-    )
+    done = fork_server.run(["firmware-sim", "--pty", "--control", where])
     assert done.returncode == 2
     assert done.stderr.startswith(f"firmware-sim: --control {where}: ")
     assert done.stderr.count("\n") == 1

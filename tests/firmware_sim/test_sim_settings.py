@@ -8,6 +8,7 @@ import pytest
 
 from firmware_sim.faults.catalogue import KINDS, as_text
 from firmware_sim.settings import SettingsError, default_config_dir, equilibrium_cm, load, load_fingerprint
+from tests import fork_server
 from tests.firmware_sim.sim_bench import CONFIG
 
 EMULATOR = (CONFIG / "emulator.toml").read_text()
@@ -154,13 +155,13 @@ def test_config_directory_of_a_checkout_is_found() -> None:
     assert default_config_dir() == CONFIG
 
 
-def run_emulator(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "firmware_sim", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)
+def run_emulator(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    return fork_server.run(["firmware-sim", *arguments])
 
 
 def test_help_begins_with_an_example() -> None:
-    done = run_emulator("--help")
+    command = [sys.executable, "-m", "firmware_sim", "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)
     assert done.returncode == 0
     assert "\n\n  Example: firmware-sim --slcan 29536 --scenario paper\n\n" in done.stdout
 
@@ -191,9 +192,7 @@ COMMAND_LINES = [
 
 @pytest.mark.parametrize(("arguments", "expected"), COMMAND_LINES, ids=lambda part: str(part))
 def test_bad_command_line_is_exit_code_2_and_one_line(arguments: list[str], expected: str) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "firmware_sim", *arguments], capture_output=True, text=True, timeout=20, check=False
-    )
+    done = run_emulator(*arguments)
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr.count("\n") == 1
@@ -204,13 +203,7 @@ def test_bad_settings_are_exit_code_2_and_one_line_and_leave_no_record(tmp_path:
     (tmp_path / "emulator.toml").write_text(EMULATOR.replace("lag_s = 0.2", "lag_s = nan"))
     (tmp_path / "bench.dbc").write_text("")
     record = tmp_path / "changes.jsonl"
-    done = subprocess.run(
-        [sys.executable, "-m", "firmware_sim", "--pty", "--config", str(tmp_path), "--record", str(record)],
-        capture_output=True,
-        text=True,
-        timeout=20,
-        check=False,
-    )
+    done = run_emulator("--pty", "--config", tmp_path, "--record", record)
     assert done.returncode == 2
     assert done.stderr == f"firmware-sim: {tmp_path}/emulator.toml: pumps.lag_s = nan: is outside 0 .. 60\n"
     assert not record.exists()
@@ -219,13 +212,7 @@ def test_bad_settings_are_exit_code_2_and_one_line_and_leave_no_record(tmp_path:
 def test_an_existing_record_is_refused_and_left_alone(tmp_path: Path) -> None:
     record = tmp_path / "changes.jsonl"
     record.write_text("precious")
-    done = subprocess.run(
-        [sys.executable, "-m", "firmware_sim", "--pty", "--record", str(record)],
-        capture_output=True,
-        text=True,
-        timeout=20,
-        check=False,
-    )
+    done = run_emulator("--pty", "--record", str(record))
     assert done.returncode == 2
     assert "File exists" in done.stderr
     assert record.read_text() == "precious"

@@ -233,7 +233,7 @@ def test_case_24_adapter_unplugged_and_plugged_again(tmp_path: Path) -> None:
 
 def test_case_52_disk_full_in_the_run(tmp_path: Path) -> None:
     """No file may grow any more: control goes on, the event is there within two flushes, run.json keeps it."""
-    scenario, room = write_scenario(tmp_path, duration=12.0), 30_000
+    scenario, room = write_scenario(tmp_path, duration=8.0), 20_000
     with (
         emulator(tmp_path / "node.jsonl") as rig,
         controller(scenario, rig.channel, tmp_path / "run", *PLAIN) as run,
@@ -244,7 +244,7 @@ def test_case_52_disk_full_in_the_run(tmp_path: Path) -> None:
         assert run.wait(40.0) == 0, (run.out, run.err)
         commands = rig.commanded()
     gaps = [b["t_s"] - a["t_s"] for a, b in pairwise(commands)]
-    assert commands[-1]["t_s"] - commands[0]["t_s"] > 11.0
+    assert commands[-1]["t_s"] - commands[0]["t_s"] > 7.0
     assert max(gaps) < LEVELS_AGE_MAX_S, "control is unaffected"
     manifest = run.json("run.json")
     assert manifest["status"] == "complete"
