@@ -98,7 +98,7 @@ def test_bus_off_takes_the_bus_down_and_is_its_reason() -> None:
     assert (port.is_up, port.last_error) == (False, "the CAN controller is bus-off")
 
 
-def test_warnings_of_a_bus_are_the_first_news() -> None:
+def test_warnings_of_a_bus_are_its_first_events() -> None:
     port = port_on(Saying(warnings=("can0 restarts by itself",)))
     assert [(event.code, event.text) for event in port.take_events()] == [("bus_setting", "can0 restarts by itself")]
 

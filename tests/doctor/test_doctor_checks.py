@@ -1,4 +1,4 @@
-"""Every check of the bench: passed by a sound one, and found out by a fault of the emulator. No pump moves."""
+"""Every check of the bench: a healthy one passes it, a fault of the emulator fails it. No pump moves."""
 
 import pytest
 from can import Message
@@ -33,7 +33,7 @@ ALL_CHECKS = {
 }
 
 
-def test_a_sound_bench_passes_every_check_and_moves_no_pump() -> None:
+def test_a_healthy_bench_passes_every_check_and_moves_no_pump() -> None:
     bench = LockstepBench()
     results = examined(bench)
     assert set(results) == ALL_CHECKS

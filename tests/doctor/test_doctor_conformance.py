@@ -192,7 +192,7 @@ def test_nodes_of_another_dbc_are_found(monkeypatch: pytest.MonkeyPatch) -> None
     assert {"pump node contract", "level node contract"} <= failures(results)
 
 
-def test_a_stranger_in_the_midst_ends_the_check_with_one_command_of_zero(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unknown_sender_ends_the_check_with_one_command_of_zero(monkeypatch: pytest.MonkeyPatch) -> None:
     results, bench = tried(monkeypatch, PumpNode, fault("foreign_command", "PumpCommand", 0.0, at_s=8.0))
     assert "another sender commands" in results["conformance test"].found
     after = [data for t_ns, _, data in bench.sent if t_ns >= 9_000_000_000]
@@ -207,16 +207,16 @@ def test_json_is_what_the_table_says(tmp_path: Path) -> None:
     from hil.probe.result import failed, passed
 
     file = tmp_path / "node.json"
-    results = [passed("one", "1 V"), failed("two", "2 V", "mend it")]
+    results = [passed("one", "1 V"), failed("two", "2 V", "fix it")]
     _write(file, BusAddress("virtual", "x", 500_000), contract(), ConformanceOptions(node="pump"), results)
     told = json.loads(file.read_text())
     assert told["conforms"] is False
     assert told["node"] == "pump"
-    assert told["results"][1] == {"check": "two", "verdict": "fail", "found": "2 V", "advice": "mend it"}
+    assert told["results"][1] == {"check": "two", "verdict": "fail", "found": "2 V", "advice": "fix it"}
 
 
 @pytest.mark.parametrize("after_s", [6.3, 8.0, 9.6, 11.1, 14.0, 17.0, 19.5, 20.0, 22.0, 24.05, 26.0])
-def test_a_host_that_stands_still_for_a_moment_makes_no_sound_node_fail(
+def test_a_host_that_stands_still_for_a_moment_makes_no_healthy_node_fail(
     monkeypatch: pytest.MonkeyPatch, after_s: float
 ) -> None:
     monkeypatch.setattr("firmware_sim.rig.PumpNode", PumpNode)

@@ -72,7 +72,7 @@ def fault(kind: str, at_s: float, target: Any = None, value: float | None = None
     return {key: part for key, part in given.items() if part is not None}
 
 
-def story(
+def scenario_data(
     *faults: dict[str, Any],
     duration_s: float = 10.0,
     method: str = "none",
@@ -92,7 +92,7 @@ def story(
 def watched(*faults: dict[str, Any], duration_s: float = 45.0, **tables: Any) -> dict[str, Any]:
     """A scenario with the diagnosis at work, on a rig that is not what its file says, with references that move."""
     tables = {"emulator": {"parameter_spread": 0.03}} | tables
-    return story(*faults, duration_s=duration_s, method="glr", references=MOVING, **tables)
+    return scenario_data(*faults, duration_s=duration_s, method="glr", references=MOVING, **tables)
 
 
 class Keeper(Observer):
@@ -136,7 +136,7 @@ class Run:
     loop: ControlLoop
     outcome: Outcome
     seen: Observations
-    story: dict[str, Any]
+    scenario_data: dict[str, Any]
     seed: int
     start_s: float = 0.0
     events: list[tuple[float, Event]] = field(default_factory=list)
@@ -205,10 +205,10 @@ class Run:
 def broken(run: Run, *, is_alone: bool = True) -> list[str]:
     """The invariants that the run broke, in words.
 
-    is_alone : whether the controller is the only one that commands the node; what a stranger makes it do breaks the
-    node's rate, and its latch no more than a real one's.
+    is_alone : whether the controller is the only one that commands the node; what an unknown sender makes it do breaks
+    the node's rate, and its latch no more than a real one's.
     """
-    seen, faults = run.seen, injected(run.story["fault"])
+    seen, faults = run.seen, injected(run.scenario_data["fault"])
     levels, applied = seen.steps[:, 3:7], seen.steps[:, 7:9]
     rate_V_s = 20.0
     words = [seen.range_broken]

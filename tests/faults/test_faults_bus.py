@@ -1,4 +1,4 @@
-"""Cases 12 to 14, 16, 20 to 28: strangers on the bus, disturbances, adapters that fail, links that go."""
+"""Cases 12 to 14, 16, 20 to 28: unknown senders, disturbances, adapters that fail, links that go."""
 
 import errno
 import time
@@ -23,7 +23,7 @@ from tests.faults.faults_bench import (
     contract,
     fault,
     play,
-    story,
+    scenario_data,
 )
 from tests.narrowing import not_none
 
@@ -34,7 +34,7 @@ SEALED = node.pack_levels(node.LOWER_LEVELS_ID, (6.2, 6.4), (node.ChannelStatus.
 
 def test_case_12_babbling_node_of_a_foreign_id() -> None:
     """3000 frames/s that are none of ours: kept out, and the ages of what is ours stay below a period."""
-    run = play(story(fault("babble", AT_S, "foreign", 3000.0), duration_s=8.0))
+    run = play(scenario_data(fault("babble", AT_S, "foreign", 3000.0), duration_s=8.0))
     assert_no_trip(run)
     for tick in run.from_s(AT_S):
         assert max(tick.levels_age_s, tick.status_age_s) <= T_S + TIME_TOLERANCE_S
@@ -43,7 +43,7 @@ def test_case_12_babbling_node_of_a_foreign_id() -> None:
 
 def test_case_13_babbling_node_of_top_priority() -> None:
     """Nothing else gets through: the node is safe within W, the controller trips on age within max(Rx, W)."""
-    run = play(story(fault("babble", AT_S, "top", 4000.0)))
+    run = play(scenario_data(fault("babble", AT_S, "top", 4000.0)))
     assert_tripped(run, AT_S, max(RX_S, W_S), "stale_levels", "stale_status", "node_lost")
     assert_safe(run, AT_S)
 
@@ -51,7 +51,7 @@ def test_case_13_babbling_node_of_top_priority() -> None:
 @pytest.mark.parametrize("volts", [0.0, 3.0, 10.0])
 def test_case_14_foreign_command(volts: float) -> None:
     """Somebody else commands the pumps: latched in the step that sees the first frame; 0 V once, then silence."""
-    run = play(story(fault("foreign_command", AT_S, None, volts, until_s=AT_S + 0.35)), is_alone=False)
+    run = play(scenario_data(fault("foreign_command", AT_S, None, volts, until_s=AT_S + 0.35)), is_alone=False)
     assert run.cause == "foreign_command"
     assert AT_S <= run.trip_s <= AT_S + T_S
     after = [data for t_s, data in run.keeper.sent if t_s > run.start_s + run.trip_s - TIME_TOLERANCE_S]
@@ -80,7 +80,7 @@ def test_case_16_slcan_payload_shorter_than_its_length(garbage: bytes) -> None:
 @pytest.mark.parametrize(("rate_per_s", "trips"), [(5.0, False), (15.0, False), (25.0, True), (200.0, True)])
 def test_case_20_error_frames(rate_per_s: float, trips: bool) -> None:
     """A few are counted, a storm of 20 within a second trips within that second."""
-    run = play(story(fault("error_frames", AT_S, None, rate_per_s)))
+    run = play(scenario_data(fault("error_frames", AT_S, None, rate_per_s)))
     if trips:
         assert_tripped(run, AT_S, 1.0, "error_storm")
         return
@@ -90,14 +90,14 @@ def test_case_20_error_frames(rate_per_s: float, trips: bool) -> None:
 
 def test_case_21_bus_off() -> None:
     """Nothing goes out or comes in: the node is safe within W, and never armed again by itself when the bus is back."""
-    run = play(story(fault("bus_off", AT_S, None, until_s=AT_S + 0.7)))
+    run = play(scenario_data(fault("bus_off", AT_S, None, until_s=AT_S + 0.7)))
     assert_tripped(run, AT_S, RX_S + T_S)
     assert_safe(run, AT_S)
-    again = play(story(duration_s=5.0, rig={"safety": {"arm_timeout_s": 2.0}}), emulator=run.emulator)
+    again = play(scenario_data(duration_s=5.0, rig={"safety": {"arm_timeout_s": 2.0}}), emulator=run.emulator)
     assert again.outcome.status == "failed"
     assert "tripped" in again.outcome.reason
     assert again.emulator.pump.applied_V == OFF
-    cleared = play(story(duration_s=5.0), emulator=again.emulator, clear_trip=True, checks=False)
+    cleared = play(scenario_data(duration_s=5.0), emulator=again.emulator, clear_trip=True, checks=False)
     assert cleared.outcome.status == "complete", "on purpose it is"
 
 
@@ -132,7 +132,7 @@ FOREIGN_HEARTBEAT = (
 
 @pytest.mark.parametrize("can_id", [0x701, 0x702])
 def test_foreign_heartbeats_at_10_hz_change_nothing(can_id: int) -> None:
-    run = play(story(), wrap=lambda bus: WithForeignHeartbeats(bus, 1, can_id))
+    run = play(scenario_data(), wrap=lambda bus: WithForeignHeartbeats(bus, 1, can_id))
     assert_no_trip(run)
     assert run.ticks[-1].rejected >= 0.9 * len(run.ticks)
 
@@ -140,7 +140,9 @@ def test_foreign_heartbeats_at_10_hz_change_nothing(can_id: int) -> None:
 @pytest.mark.parametrize("can_id", [0x701, 0x702])
 def test_a_flood_of_foreign_heartbeats_is_named_by_identifier_cause_and_what_to_do(can_id: int) -> None:
     """The trip used to say that frames are refused one after the other, neither which nor why."""
-    run = play(story(rig={"safety": {"arm_timeout_s": 2.0}}), wrap=lambda bus: WithForeignHeartbeats(bus, 100, can_id))
+    run = play(
+        scenario_data(rig={"safety": {"arm_timeout_s": 2.0}}), wrap=lambda bus: WithForeignHeartbeats(bus, 100, can_id)
+    )
     assert run.outcome.status == "failed"
     assert run.outcome.reason.startswith(
         f"not ready within 2 s: consecutive frames of one identifier are refused; frames of {can_id:#05x} rejected: "
@@ -162,7 +164,7 @@ def test_a_flood_of_foreign_heartbeats_in_a_run_trips_with_the_same_words() -> N
         assert bus is not None
         bus.count = 100 if t_s >= AT_S else 0
 
-    run = play(story(), wrap=wrap, on_step=on_step)
+    run = play(scenario_data(), wrap=wrap, on_step=on_step)
     assert_tripped(run, AT_S, 2 * T_S, "frames_refused")
     text = next(event.text for _, event in run.events if event.code == "trip")
     assert "frames of 0x701 rejected: " in text
@@ -200,18 +202,18 @@ FULL = can.CanOperationError("Transmit buffer full", errno.ENOBUFS)
 
 def test_case_22_interface_down() -> None:
     """The interface goes down: safe within W, and the run ends; a new one is not armed by itself."""
-    run = play(story(duration_s=30.0), wrap=lambda bus: Failing(bus, SENDS, DOWN, receives=True))
+    run = play(scenario_data(duration_s=30.0), wrap=lambda bus: Failing(bus, SENDS, DOWN, receives=True))
     assert run.cause == "bus_failed"
     down_s = run.at(run.trip_s).t_s
     assert_safe(run, down_s - T_S, W_S + T_S)
     assert run.outcome.t_s - down_s <= 5.0
-    again = play(story(duration_s=5.0, rig={"safety": {"arm_timeout_s": 2.0}}), emulator=run.emulator)
+    again = play(scenario_data(duration_s=5.0, rig={"safety": {"arm_timeout_s": 2.0}}), emulator=run.emulator)
     assert again.outcome.status == "failed"
 
 
 def test_case_23_transmit_queue_full() -> None:
     """The queue takes nothing more: each refused command is dropped for good, trip within 3 T, node safe within W."""
-    run = play(story(duration_s=30.0), wrap=lambda bus: Failing(bus, SENDS, FULL, receives=False))
+    run = play(scenario_data(duration_s=30.0), wrap=lambda bus: Failing(bus, SENDS, FULL, receives=False))
     last_s = run.keeper.sent[-1][0] - run.start_s
     assert len(run.keeper.sent) == SENDS
     assert_tripped(run, last_s, T_S + 3 * T_S, "bus_failed", "node_tripped")
@@ -247,7 +249,7 @@ def test_case_26_slcan_line_without_end() -> None:
 @pytest.mark.parametrize("from_s", [0.0, AT_S])
 def test_case_27_every_send_refused(from_s: float) -> None:
     """Sends that go nowhere: never armed on; in a run the node is safe within W, the missing echo trips within 5 T."""
-    run = play(story(fault("frame_loss", from_s, "PumpCommand", 1.0)))
+    run = play(scenario_data(fault("frame_loss", from_s, "PumpCommand", 1.0)))
     assert_tripped(run, from_s, 5 * T_S, "echo_missing", "node_tripped")
     assert run.node_off_s(from_s) <= from_s + W_S
     assert run.outcome.reason == f"{run.cause}; {NOT_ECHOED}", "two facts, and the first is true"
@@ -261,7 +263,9 @@ def test_case_27_every_send_refused_from_the_start() -> None:
         def send(self, msg: can.Message, timeout: float | None = None) -> None:
             del msg, timeout  # says that it went out
 
-    run = play(story(rig={"safety": {"arm_timeout_s": 2.0}}), wrap=lambda bus: Deaf(bus, 1, refused, receives=False))
+    run = play(
+        scenario_data(rig={"safety": {"arm_timeout_s": 2.0}}), wrap=lambda bus: Deaf(bus, 1, refused, receives=False)
+    )
     assert run.cause == "echo_missing", run.told
     assert run.outcome.reason == f"echo_missing; {NOT_ECHOED}"
     assert run.trip_s <= 5 * T_S + TIME_TOLERANCE_S

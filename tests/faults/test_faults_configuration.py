@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.cli_bench import CommandLine, assert_refused, config_copy
-from tests.faults.faults_bench import OFF, contract, play, story
+from tests.faults.faults_bench import OFF, contract, play, scenario_data
 
 
 @pytest.fixture
@@ -56,7 +56,7 @@ def test_case_55_bad_bench(command_line: CommandLine, tmp_path: Path, which: str
 
 def test_case_55_node_of_another_dbc() -> None:
     """A node that was built for another contract is never armed."""
-    run = play(story(rig={"safety": {"arm_timeout_s": 1.0}}), fingerprint=contract().fingerprint ^ 1)
+    run = play(scenario_data(rig={"safety": {"arm_timeout_s": 1.0}}), fingerprint=contract().fingerprint ^ 1)
     assert run.outcome.status == "failed"
     assert "another DBC" in run.outcome.reason
     assert all(change.applied_V == OFF for change in run.keeper.changes if change.node == "pump")

@@ -26,7 +26,7 @@ from tests.faults.faults_bench import (
     contract,
     fault,
     play,
-    story,
+    scenario_data,
 )
 
 ALL_FRAMES = (*NODE_FRAMES, "PumpCommand")
@@ -35,7 +35,7 @@ AGE_CAUSES = ("stale_levels", "stale_status", "node_lost")
 
 
 def one(kind: str, at_s: float, frame: str = "LowerLevels", value: float | None = None) -> dict[str, Any]:
-    """A fault that befalls a single frame."""
+    """A fault that acts on a single frame."""
     return fault(kind, at_s, frame, value, until_s=at_s + 0.75 * FRAME_PERIOD_S[frame])
 
 
@@ -52,7 +52,7 @@ def lossy(probability: float = 0.05) -> list[dict[str, Any]]:
 @pytest.mark.parametrize("frame", ALL_FRAMES)
 def test_case_01_one_frame_lost(frame: str) -> None:
     """One frame lost: the estimate is held, the loss counted, no trip."""
-    run = play(story(fault("frame_burst", AT_S, frame, 1)))
+    run = play(scenario_data(fault("frame_burst", AT_S, frame, 1)))
     assert_no_trip(run)
     if frame == "PumpCommand":
         assert run.outcome.commands_lost == 1
@@ -66,7 +66,7 @@ def test_case_01_one_frame_lost(frame: str) -> None:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_case_02_random_loss(seed: int) -> None:
     """5 % of what the nodes send is lost, for a minute: no trip; the hour is among the long tests."""
-    run = play(story(*lossy(), duration_s=60.0), seed=seed)
+    run = play(scenario_data(*lossy(), duration_s=60.0), seed=seed)
     assert_no_trip(run)
     assert run.outcome.frames_lost > 200
 
@@ -75,7 +75,7 @@ def test_case_02_random_loss(seed: int) -> None:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_case_02_random_loss_for_an_hour(seed: int) -> None:
     """5 % of what the nodes send is lost, for an hour: no trip."""
-    run = play(story(*lossy(), duration_s=3600.0), seed=seed)
+    run = play(scenario_data(*lossy(), duration_s=3600.0), seed=seed)
     assert_no_trip(run)
 
 
@@ -84,7 +84,9 @@ def test_case_02_random_loss_for_an_hour(seed: int) -> None:
 def test_case_02_random_loss_both_ways_for_an_hour(seed: int) -> None:
     """5 % of all frames, commands too, with a control period of 40 ms: six commands in a row would have to be lost."""
     rig = {"control": {"period_s": 0.04}}
-    run = play(story(fault("frame_loss", 0.0, "all", 0.05), duration_s=3600.0, rig=rig), seed=seed, checks=False)
+    run = play(
+        scenario_data(fault("frame_loss", 0.0, "all", 0.05), duration_s=3600.0, rig=rig), seed=seed, checks=False
+    )
     assert_no_trip(run)
     assert run.outcome.commands_lost > 3000
     assert (run.seen.range_broken, run.seen.latch_broken) == ("", "")
@@ -94,7 +96,7 @@ def test_case_02_random_loss_both_ways_for_an_hour(seed: int) -> None:
 @pytest.mark.parametrize("frame", NODE_FRAMES)
 def test_case_03_burst_lost(frame: str, count: int) -> None:
     """Three and more in a row: a trip exactly when the age passes its limit, within Rx + T."""
-    run = play(story(fault("frame_burst", AT_S, frame, count)))
+    run = play(scenario_data(fault("frame_burst", AT_S, frame, count)))
     limit_s = 0.25 if "Heartbeat" in frame else RX_S
     period_s = FRAME_PERIOD_S[frame]
     oldest_s = max(
@@ -109,7 +111,7 @@ def test_case_03_burst_lost(frame: str, count: int) -> None:
 @pytest.mark.parametrize("count", [3, 10, 40])
 def test_case_03_burst_of_commands_lost(count: int) -> None:
     """Commands lost for longer than the watchdog: the node is safe within W of the last one, the controller trips."""
-    run = play(story(fault("frame_burst", AT_S, "PumpCommand", count)))
+    run = play(scenario_data(fault("frame_burst", AT_S, "PumpCommand", count)))
     assert run.node_off_s(AT_S) <= AT_S + W_S
     assert_tripped(run, AT_S, RX_S + T_S, "node_tripped", "echo_missing")
 
@@ -118,7 +120,7 @@ def test_case_03_burst_of_commands_lost(count: int) -> None:
 @pytest.mark.parametrize("frame", LEVEL_FRAMES)
 def test_case_04_burst_that_wraps_the_counter(frame: str, count: int) -> None:
     """15 lost look like a duplicate, 16 like none lost: it is the age that counts, and nothing is refused."""
-    run = play(story(fault("frame_burst", AT_S, frame, count)))
+    run = play(scenario_data(fault("frame_burst", AT_S, frame, count)))
     assert run.ticks[-1].rejected == 0
     if count == 15:  # 0.3 s just not passed at any step
         assert_no_trip(run)
@@ -128,7 +130,7 @@ def test_case_04_burst_that_wraps_the_counter(frame: str, count: int) -> None:
 
 def test_case_05_duplicate() -> None:
     """Every frame twice, both ways: dropped, and the run is the same to the bit."""
-    run, plain = play(story(fault("frame_duplicate", AT_S, "all"))), play(story())
+    run, plain = play(scenario_data(fault("frame_duplicate", AT_S, "all"))), play(scenario_data())
     assert_no_trip(run)
     assert run.ticks[-1].rejected > 500
     assert run.emulator.pump.rejected[node.Rejection.DUPLICATE] > 40
@@ -138,7 +140,7 @@ def test_case_05_duplicate() -> None:
 @pytest.mark.parametrize("frame", ["LowerLevels", "UpperLevels", "PumpStatus", "PumpCommand"])
 def test_case_06_reordered(frame: str) -> None:
     """Neighbours swapped: the older one is dropped, the newer one used, no trip."""
-    run = play(story(fault("frame_reorder", AT_S, frame)))
+    run = play(scenario_data(fault("frame_reorder", AT_S, frame)))
     assert_no_trip(run)
     if frame == "PumpCommand":
         assert run.emulator.pump.rejected[node.Rejection.OLD] > 20
@@ -151,7 +153,7 @@ def test_case_06_reordered(frame: str) -> None:
 )
 def test_case_07_delayed_less_than_the_limit(frame: str, delay_s: float) -> None:
     """Late by less than the limit: what is there is used with its age, which grows meanwhile; no trip."""
-    run = play(story(fault("frame_delay", AT_S, frame, delay_s, until_s=AT_S + 3.0)))
+    run = play(scenario_data(fault("frame_delay", AT_S, frame, delay_s, until_s=AT_S + 3.0)))
     assert_no_trip(run)
     if "Heartbeat" not in frame:
         ages = [t.status_age_s if frame == "PumpStatus" else t.levels_age_s for t in run.from_s(AT_S, AT_S + 0.5)]
@@ -161,14 +163,14 @@ def test_case_07_delayed_less_than_the_limit(frame: str, delay_s: float) -> None
 @pytest.mark.parametrize("frame", NODE_FRAMES)
 def test_case_08_delayed_more_than_the_limit(frame: str) -> None:
     """Late by more than the limit: trip within Rx + T."""
-    run = play(story(fault("frame_delay", AT_S, frame, 0.5)))
+    run = play(scenario_data(fault("frame_delay", AT_S, frame, 0.5)))
     assert_tripped(run, AT_S, RX_S + T_S, *AGE_CAUSES)
 
 
 @pytest.mark.parametrize("frame", ALL_FRAMES)
 def test_case_09_crc_wrong_once(frame: str) -> None:
     """One wrong CRC: dropped and counted, no trip."""
-    run = play(story(one("frame_corrupt", AT_S, frame, 1.0)))
+    run = play(scenario_data(one("frame_corrupt", AT_S, frame, 1.0)))
     assert_no_trip(run)
     assert (refused_commands(run) if frame == "PumpCommand" else run.ticks[-1].rejected) == 1
 
@@ -177,7 +179,7 @@ def test_case_09_crc_wrong_once(frame: str) -> None:
 def test_case_09_crc_wrong_five_times(frame: str) -> None:
     """Five wrong CRCs running: trip in the step that sees the fifth, if age has not tripped it before."""
     length_s = 4.5 * FRAME_PERIOD_S[frame]
-    run = play(story(fault("frame_corrupt", AT_S, frame, 1.0, until_s=AT_S + length_s)))
+    run = play(scenario_data(fault("frame_corrupt", AT_S, frame, 1.0, until_s=AT_S + length_s)))
     assert_tripped(run, AT_S, length_s + T_S, "frames_refused", "node_lost")
     if "Heartbeat" not in frame:
         assert run.cause == "frames_refused"
@@ -185,7 +187,7 @@ def test_case_09_crc_wrong_five_times(frame: str) -> None:
 
 def test_case_09_crc_of_commands_wrong_four_times() -> None:
     """Commands that the node refuses: it is safe within W, and the controller trips."""
-    run = play(story(fault("frame_corrupt", AT_S, "PumpCommand", 1.0, until_s=AT_S + 0.35)))
+    run = play(scenario_data(fault("frame_corrupt", AT_S, "PumpCommand", 1.0, until_s=AT_S + 0.35)))
     assert_safe(run, AT_S)
     assert_tripped(run, AT_S, RX_S + T_S, "node_tripped")
 
@@ -225,14 +227,14 @@ def test_case_10_every_one_and_two_bit_flip() -> None:
 @pytest.mark.parametrize("frame", NODE_FRAMES)
 def test_case_11_counter_stuck(frame: str) -> None:
     """Data fresh, CRC right, the counter stands still: trip in the step that sees the fifth refusal."""
-    run = play(story(fault("counter_stuck", AT_S, frame)))
+    run = play(scenario_data(fault("counter_stuck", AT_S, frame)))
     first_and_five_s = 5 * FRAME_PERIOD_S[frame]
     assert_tripped(run, AT_S, first_and_five_s + T_S, "frames_refused", "node_lost")
 
 
 def test_case_11_counter_of_commands_stuck() -> None:
     """The node takes a command whose counter stands still for a duplicate: safe within W, and the controller trips."""
-    run = play(story(fault("counter_stuck", AT_S, "PumpCommand")))
+    run = play(scenario_data(fault("counter_stuck", AT_S, "PumpCommand")))
     assert_safe(run, AT_S + T_S)
     assert_tripped(run, AT_S, 5 * T_S, "node_tripped")
 
@@ -241,7 +243,7 @@ def test_case_11_counter_of_commands_stuck() -> None:
 def test_case_15_wrong_length(frame: str) -> None:
     """Payloads of 0 to 8 bytes, one at a time: each dropped, and the next one taken."""
     lengths = [length for length in range(9) if length != contract().frames[frame].length]
-    run = play(story(*(one("wrong_length", 2.0 + 0.5 * i, frame, n) for i, n in enumerate(lengths))))
+    run = play(scenario_data(*(one("wrong_length", 2.0 + 0.5 * i, frame, n) for i, n in enumerate(lengths))))
     assert_no_trip(run)
     assert (refused_commands(run) if frame == "PumpCommand" else run.ticks[-1].rejected) == len(lengths)
 
@@ -249,7 +251,7 @@ def test_case_15_wrong_length(frame: str) -> None:
 def test_case_17_wrong_id_or_data_id() -> None:
     """An unknown identifier, and the payload of one frame under the identifier of another: dropped."""
     others = [one("wrong_id", 3.0), *(one("wrong_id", 4.0 + i, f, 0x181) for i, f in enumerate(LEVEL_FRAMES))]
-    run = play(story(*others, one("wrong_id", 7.0, "UpperLevels", 0x182)))
+    run = play(scenario_data(*others, one("wrong_id", 7.0, "UpperLevels", 0x182)))
     assert_no_trip(run)
     assert run.ticks[-1].rejected == 4
     levels = [tick.measured_V for tick in run.from_s(2.0)]
@@ -260,9 +262,9 @@ def test_case_17_wrong_id_or_data_id() -> None:
 @pytest.mark.parametrize("frame", ALL_FRAMES)
 def test_case_18_19_extended_and_remote_frames(frame: str, kind: str) -> None:
     """A 29-bit identifier of the same number, or a request for the frame: dropped, no reply, no trip."""
-    run = play(story(one(kind, AT_S, frame)))
+    run = play(scenario_data(one(kind, AT_S, frame)))
     assert_no_trip(run)
     if frame != "PumpCommand":
         assert run.ticks[-1].rejected == 1
         assert len(run.keeper.odd) == 1
-    assert len(run.keeper.sent) == len(play(story()).keeper.sent), "commands and nothing else"
+    assert len(run.keeper.sent) == len(play(scenario_data()).keeper.sent), "commands and nothing else"

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from hil.core.types import Mode
-from tests.faults.faults_bench import OFF, T_S, TIME_TOLERANCE_S, Run, assert_safe, fault, play, story
+from tests.faults.faults_bench import OFF, T_S, TIME_TOLERANCE_S, Run, assert_safe, fault, play, scenario_data
 
 AT_S = 5.0
 
@@ -15,7 +15,7 @@ def ask(at_s: float, action: str, **more: str | float) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    ("befallen", "cause"),
+    ("given_fault", "cause"),
     [
         (fault("sensor_open", AT_S, 3, until_s=8.0), "invalid_levels"),
         (fault("heartbeat_stop", AT_S, "level", until_s=8.0), "node_lost"),
@@ -23,10 +23,10 @@ def ask(at_s: float, action: str, **more: str | float) -> dict[str, Any]:
         (fault("frame_burst", AT_S, "UpperLevels", 150), "stale_levels"),
     ],
 )
-def test_case_56_clearing_while_the_cause_stands(befallen: dict[str, str | float], cause: str) -> None:
+def test_case_56_clearing_while_the_cause_is_active(given_fault: dict[str, str | float], cause: str) -> None:
     """Refused in the same tick, and said so; once the cause is gone the rig is armed again."""
     requests = [ask(7.0, "clear"), ask(10.0, "clear")]
-    run = play(story(befallen, duration_s=14.0, request=requests))
+    run = play(scenario_data(given_fault, duration_s=14.0, request=requests))
     assert run.cause == cause
     (refused_s,) = run.times("refused")
     assert refused_s == pytest.approx(7.0, abs=TIME_TOLERANCE_S)
@@ -35,10 +35,10 @@ def test_case_56_clearing_while_the_cause_stands(befallen: dict[str, str | float
     assert run.outcome.status == "complete"
 
 
-def test_case_56_a_stranger_on_the_bus_is_never_cleared() -> None:
+def test_case_56_an_unknown_sender_s_trip_is_never_cleared() -> None:
     """That somebody else has sent commands stands for the rest of the run."""
-    stranger = fault("foreign_command", AT_S, None, 3.0, until_s=AT_S + 0.05)
-    run = play(story(stranger, duration_s=10.0, request=[ask(8.0, "clear")]), is_alone=False)
+    foreign = fault("foreign_command", AT_S, None, 3.0, until_s=AT_S + 0.05)
+    run = play(scenario_data(foreign, duration_s=10.0, request=[ask(8.0, "clear")]), is_alone=False)
     assert len(run.times("refused")) == 1
     assert_safe(run, AT_S + 0.1, 0.5)
 
@@ -46,7 +46,7 @@ def test_case_56_a_stranger_on_the_bus_is_never_cleared() -> None:
 def bypassed(for_s: float, until_s: float) -> dict[str, Any]:
     storm = fault("error_frames", 5.0, None, 60.0)
     request = [ask(3.0, "bypass", interlock="error_storm", for_s=for_s)]
-    return story(storm, duration_s=until_s, request=request)
+    return scenario_data(storm, duration_s=until_s, request=request)
 
 
 def assert_ends_by_itself(run: Run, for_s: float) -> None:
@@ -74,6 +74,6 @@ def test_case_57_what_must_not_be_bypassed(key: str) -> None:
     from hil.edge.config.settings_file import SettingsError
 
     with pytest.raises(SettingsError, match="interlock"):
-        play(story(request=[ask(3.0, "bypass", interlock=key, for_s=20.0)]))
+        play(scenario_data(request=[ask(3.0, "bypass", interlock=key, for_s=20.0)]))
     with pytest.raises(SettingsError, match="for_s"):
-        play(story(request=[ask(3.0, "bypass", interlock="error_storm", for_s=601.0)]))
+        play(scenario_data(request=[ask(3.0, "bypass", interlock="error_storm", for_s=601.0)]))

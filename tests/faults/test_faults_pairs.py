@@ -11,7 +11,7 @@ from hil.campaigns.row import INVARIANTS, Row
 from hil.campaigns.spec import Spec
 from hil.core.types import Pair
 from hil.edge.config.settings_file import validated
-from tests.faults.faults_bench import CONFIG, MOVING, fault, play, story
+from tests.faults.faults_bench import CONFIG, MOVING, fault, play, scenario_data
 
 FRAMES = ["PumpStatus", "LowerLevels", "UpperLevels", "PumpHeartbeat", "LevelHeartbeat", "PumpCommand", "all"]
 TANKS, PUMPS, NODES = [1, 2, 3, 4], [1, 2], ["pump", "level"]
@@ -74,16 +74,16 @@ def drawn(seeds: range) -> tuple[listing.Case, ...]:
         "emulator": {"parameter_spread": 0.03},
         "pairs": {"onset_s": [1.0, 35.0], "pool": POOL},
     }
-    base = story(duration_s=RUN_S, method="glr", references=MOVING)
+    base = scenario_data(duration_s=RUN_S, method="glr", references=MOVING)
     base.pop("fault")
     return listing.expand(validated(Spec, spec, "pairs"), [base])
 
 
 def breaks(outcome: Row, case: listing.Case) -> list[str]:
-    """What the run broke. The node obeys a stranger's commands, too: its rate and latch are then not ours."""
+    """What the run broke; without rate and latch if an unknown sender also commands the node."""
     not_ours = ("rate_broken", "latch_broken", "not_at_rest")
-    is_stranger = any(fault["kind"] == "foreign_command" for fault in case.faults)
-    return [name for name in outcome.breaks if not (is_stranger and name in not_ours)]
+    has_foreign_commands = any(fault["kind"] == "foreign_command" for fault in case.faults)
+    return [name for name in outcome.breaks if not (has_foreign_commands and name in not_ours)]
 
 
 def assert_unbroken(seeds: range) -> None:
@@ -107,7 +107,7 @@ def test_case_60_pairs_sample(seeds: range) -> None:
 def test_case_60_what_no_sensor_shows_is_for_the_rigs_owner() -> None:
     """A lower tank's outlet blocked after its sensor is lost: with `lost_lower_level = "stop"` the pumps are off."""
     faults = fault("sensor_garbage", 13.3, 1), fault("outlet_block", 26.3, 1, 0.9956)
-    run = play(story(*faults, duration_s=RUN_S, method="glr", references=MOVING, rig=STOPS), seed=22772)
+    run = play(scenario_data(*faults, duration_s=RUN_S, method="glr", references=MOVING, rig=STOPS), seed=22772)
     assert (run.outcome.status, run.outcome.reason) == ("stopped", "sensors_lost")
     assert run.outcome.t_s < 20.0
     assert run.emulator.truth().spilled_cm3 == 0.0

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from hil.core.types import Pair
-from tests.faults.faults_bench import RIM_CM, assert_no_trip, fault, first, play, story, watched
+from tests.faults.faults_bench import RIM_CM, assert_no_trip, fault, first, play, scenario_data, watched
 from tests.narrowing import not_none
 
 AT_S = 25.0
@@ -36,7 +36,7 @@ def test_case_42_outlet_blocked(tank: int, method: str) -> None:
     """A tank that can no longer drain fills: trip on a high level, before the rim."""
     up = ((5.0, (1.5, 1.5)),)
     emulator = {"parameter_spread": 0.03}
-    scenario = story(
+    scenario = scenario_data(
         fault("outlet_block", AT_S, tank, 1.0), duration_s=600.0, method=method, references=up, emulator=emulator
     )
     run = play(scenario)
@@ -66,7 +66,7 @@ def wandering(duration_s: float) -> tuple[tuple[float, Pair], ...]:
 def quiet(duration_s: float) -> dict[str, Any]:
     """No fault; 5 % of model error, and turbulence."""
     emulator = {"parameter_spread": 0.05, "tanks": {"turbulence_cm3_sqrt_s": 0.02}}
-    return story(duration_s=duration_s, method="glr", references=wandering(duration_s), emulator=emulator)
+    return scenario_data(duration_s=duration_s, method="glr", references=wandering(duration_s), emulator=emulator)
 
 
 @pytest.mark.parametrize("seed", first(1, 1, 2, 3, 4, 5))

@@ -16,7 +16,7 @@ from hil.core.types import Diagnosis, Mode
 from hil.edge.record.rerun_log import RerunLog, RunCard
 from hil.review.blueprint import blueprint
 from tests.bus.runtime_bench import MS, bench_in
-from tests.faults.faults_bench import OFF, T_S, TIME_TOLERANCE_S, W_S, Run, assert_no_trip, fault, play, story
+from tests.faults.faults_bench import OFF, T_S, TIME_TOLERANCE_S, W_S, Run, assert_no_trip, fault, play, scenario_data
 
 AT_S = 5.0
 HOUR_S = 3600.0
@@ -25,12 +25,12 @@ HOUR_S = 3600.0
 @pytest.mark.parametrize("jump_s", [HOUR_S, -HOUR_S])
 def test_case_46_wall_clock_jumps(monkeypatch: pytest.MonkeyPatch, jump_s: float) -> None:
     """The host's wall clock and both nodes' jump an hour: not one tick is any different."""
-    plain = play(story())
+    plain = play(scenario_data())
     real = time.time
     started = real()
     monkeypatch.setattr(time, "time", lambda: real() + (jump_s if real() - started > 0.02 else 0.0))
     monkeypatch.setattr(time, "time_ns", lambda: int(time.time() * 1e9))
-    run = play(story(fault("clock_jump", AT_S, "pump", jump_s), fault("clock_jump", AT_S, "level", jump_s)))
+    run = play(scenario_data(fault("clock_jump", AT_S, "pump", jump_s), fault("clock_jump", AT_S, "level", jump_s)))
     assert_no_trip(run)
     assert run.ticks == plain.ticks
 
@@ -79,7 +79,7 @@ def assert_failed_in_the_same_tick(run: Run) -> None:
 @pytest.mark.parametrize("error", [ZeroDivisionError("x"), FloatingPointError(), MemoryError(), KeyError("y")])
 def test_case_51_detector_raises(error: Exception) -> None:
     """Whatever the diagnosis raises: 0 V in the same tick; what goes wrong afterwards does not change the cause."""
-    run = play(story(fault("heartbeat_stop", AT_S, "level")), detector=lambda own: Raising(own, error))
+    run = play(scenario_data(fault("heartbeat_stop", AT_S, "level")), detector=lambda own: Raising(own, error))
     assert_failed_in_the_same_tick(run)
 
 
@@ -94,7 +94,7 @@ def test_case_51_estimator_raises(monkeypatch: pytest.MonkeyPatch) -> None:
         return real(*arguments)
 
     monkeypatch.setattr(estimator, "step", failing)
-    assert_failed_in_the_same_tick(play(story()))
+    assert_failed_in_the_same_tick(play(scenario_data()))
 
 
 def test_case_54_no_viewer_at_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

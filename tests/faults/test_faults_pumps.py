@@ -15,7 +15,7 @@ from tests.faults.faults_bench import (
     fault,
     first,
     play,
-    story,
+    scenario_data,
     watched,
 )
 from tests.narrowing import not_none
@@ -110,7 +110,7 @@ FLAPPING = [("ideal", 0.95), ("ideal", 0.9), ("glr", 0.95), ("glr", 0.9)]
 def test_case_58_flapping(method: str, left: float) -> None:
     """A fault that comes and goes at its threshold changes the gains at most once in 10 s."""
     diagnosis = {"method": method} | ({"delay_s": 0.2} if method == "ideal" else {})
-    scenario = story(*flapping([left]), duration_s=70.0) | {"diagnosis": diagnosis}
+    scenario = scenario_data(*flapping([left]), duration_s=70.0) | {"diagnosis": diagnosis}
     run = play(scenario)
     assert_no_trip(run)
     changes = run.times("reconfigured")
@@ -127,7 +127,7 @@ def test_case_59_gain_change_at_saturation(left: float) -> None:
         "rig": {"pumps": {"range_V": [0.0, LIMIT_V]}},
     }
     run = play(
-        story(fault("pump_effectiveness", 7.0, 1, left), duration_s=140.0, references=(up, down), **made),
+        scenario_data(fault("pump_effectiveness", 7.0, 1, left), duration_s=140.0, references=(up, down), **made),
     )
     assert_no_trip(run)
     change_s = run.times("reconfigured")[0]

@@ -20,7 +20,7 @@ from tests.faults.faults_bench import (
     fault,
     first,
     play,
-    story,
+    scenario_data,
     watched,
 )
 from tests.narrowing import not_none
@@ -115,8 +115,8 @@ def test_case_33_sensor_bias_steps(sensor: int, bias_V: float) -> None:
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_case_34_sensor_open_or_short(sensor: int, kind: str) -> None:
     """A broken wire or a short: invalid by the third sample; the model takes its place."""
-    befallen = fault("sensor_open", AT_S, sensor) if kind == "open" else fault("sensor_bias", AT_S, sensor, -10.24)
-    run = play(watched(befallen))
+    given_fault = fault("sensor_open", AT_S, sensor) if kind == "open" else fault("sensor_bias", AT_S, sensor, -10.24)
+    run = play(watched(given_fault))
     assert_no_trip(run)
     found = run.finding(f"sensor_open {sensor}")
     assert found.isolated_s is not None
@@ -127,7 +127,7 @@ def test_case_34_sensor_open_or_short(sensor: int, kind: str) -> None:
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_case_34_without_a_diagnosis(sensor: int) -> None:
     """With nobody to take the sensor's place: trip on the third sample."""
-    run = play(story(fault("sensor_open", 5.0, sensor)))
+    run = play(scenario_data(fault("sensor_open", 5.0, sensor)))
     assert_tripped(run, 5.0, 3 * SAMPLE_S + T_S, "invalid_levels")
 
 
@@ -160,7 +160,7 @@ def test_case_35_what_is_no_number(where: str, number: float) -> None:
     def damaged(diagnosis: Diagnosis) -> Diagnosis:
         return NONSENSE[where](diagnosis, number)
 
-    run = play(story(), detector=lambda own: Nonsense(own, damaged))
+    run = play(scenario_data(), detector=lambda own: Nonsense(own, damaged))
     if where == "all levels":  # trusted sensors go by their readings; the estimate is only looked at
         assert all(0.0 <= v <= 10.0 for tick in run.ticks for v in tick.command_V)
         return

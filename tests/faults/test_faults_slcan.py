@@ -33,7 +33,7 @@ from tests.faults.faults_bench import (
     contract,
     fault,
     play,
-    story,
+    scenario_data,
 )
 
 OVER = {"tcp": slcan_bench.over_tcp, "pty": slcan_bench.over_pty}
@@ -55,8 +55,8 @@ def counts(line: slcan_bench.Line) -> dict[str, int]:
 
 
 def test_a_run_over_a_line_is_the_same_to_the_bit(line: slcan_bench.Line) -> None:
-    run = line.play(story(fault("frame_loss", 2.0, "LowerLevels", 0.2)))
-    assert run.ticks == play(story(fault("frame_loss", 2.0, "LowerLevels", 0.2))).ticks
+    run = line.play(scenario_data(fault("frame_loss", 2.0, "LowerLevels", 0.2)))
+    assert run.ticks == play(scenario_data(fault("frame_loss", 2.0, "LowerLevels", 0.2))).ticks
     assert counts(line) == {}
 
 
@@ -76,7 +76,7 @@ def test_a_run_over_an_adapter_with_other_line_ends_is_the_same_to_the_bit(
         if which == "all lines":
             line.far.answer_end = other_end
 
-    assert line.play(story(), on_step=on_step).ticks == play(story()).ticks
+    assert line.play(scenario_data(), on_step=on_step).ticks == play(scenario_data()).ticks
     assert counts(line) == {}
 
 
@@ -192,7 +192,7 @@ def play_with(line: slcan_bench.Line, changes: Iterable[Callable[[bytes], bytes]
         if left and t_s >= left[0][0]:
             due.append(left.pop(0)[1])
 
-    run = line.play(story(), on_step=on_step)
+    run = line.play(scenario_data(), on_step=on_step)
     assert not left
     assert not due
     return run
@@ -219,7 +219,7 @@ def test_case_18_19_extended_and_remote_frames(frame: str, kind: str) -> None:
 
 def test_case_20_error_frames_can_not_be_said(line: slcan_bench.Line) -> None:
     """slcan has no words for them: a storm changes nothing, and the ages still watch over what comes."""
-    run = line.play(story(fault("error_frames", AT_S, None, 200.0)))
+    run = line.play(scenario_data(fault("error_frames", AT_S, None, 200.0)))
     assert_no_trip(run)
     assert counts(line) == {}
 
@@ -230,17 +230,17 @@ def test_case_21_bus_off() -> None:
 
 def assert_stays_safe(line: slcan_bench.Line, run: Run) -> None:
     """Another run on another line is not armed by itself; only when the trip is cleared on purpose."""
-    again = line.play(story(duration_s=5.0, rig={"safety": {"arm_timeout_s": 2.0}}), emulator=run.emulator)
+    again = line.play(scenario_data(duration_s=5.0, rig={"safety": {"arm_timeout_s": 2.0}}), emulator=run.emulator)
     assert again.outcome.status == "failed"
     assert "tripped" in again.outcome.reason
     assert again.emulator.pump.applied_V == OFF
-    cleared = line.play(story(duration_s=5.0), emulator=again.emulator, clear_trip=True, checks=False)
+    cleared = line.play(scenario_data(duration_s=5.0), emulator=again.emulator, clear_trip=True, checks=False)
     assert cleared.outcome.status == "complete"
 
 
 def test_case_22_adapter_boots_in_the_midst_of_a_run(line: slcan_bench.Line) -> None:
     """Its channel is closed then: no frame comes, each command is refused; never opened again behind our back."""
-    run = line.play(story(duration_s=30.0), on_step=line.at(AT_S, lambda far: far.boot()))
+    run = line.play(scenario_data(duration_s=30.0), on_step=line.at(AT_S, lambda far: far.boot()))
     assert_tripped(run, AT_S, RX_S + T_S, "stale_levels", "stale_status", "node_lost", "node_tripped")
     assert_safe(run, AT_S)
     assert counts(line)["refused"] > 3
@@ -249,7 +249,7 @@ def test_case_22_adapter_boots_in_the_midst_of_a_run(line: slcan_bench.Line) -> 
 
 def test_case_23_transmit_queue_full(line: slcan_bench.Line) -> None:
     """The adapter refuses (BELL) what its queue has no room for: dropped for good, trip within 3 T, safe within W."""
-    run = line.play(story(duration_s=30.0), on_step=line.at(AT_S, lambda far: setattr(far, "refuses", True)))
+    run = line.play(scenario_data(duration_s=30.0), on_step=line.at(AT_S, lambda far: setattr(far, "refuses", True)))
     assert_tripped(run, AT_S, T_S + 3 * T_S, "node_tripped", "echo_missing")
     assert_safe(run, AT_S)
     commands = [t_s for t_s, _ in run.keeper.sent if t_s > run.start_s + AT_S - TIME_TOLERANCE_S]
@@ -258,7 +258,7 @@ def test_case_23_transmit_queue_full(line: slcan_bench.Line) -> None:
 
 def test_case_24_adapter_unplugged_and_plugged_again(line: slcan_bench.Line) -> None:
     """The line breaks: trip in the step that sees it, safe within W; on a new line nothing moves until cleared."""
-    run = line.play(story(duration_s=30.0), on_step=line.at(AT_S, lambda far: far.unplug()))
+    run = line.play(scenario_data(duration_s=30.0), on_step=line.at(AT_S, lambda far: far.unplug()))
     assert_tripped(run, AT_S, T_S, "bus_failed")
     assert_safe(run, AT_S, W_S)
     assert run.outcome.t_s - AT_S <= 5.0
@@ -273,11 +273,11 @@ def test_case_25_any_garbage_between_two_lines(line: slcan_bench.Line) -> None:
         if left and t_s >= AT_S:
             line.far.say(left.pop())
 
-    run = line.play(story(), on_step=on_step)
+    run = line.play(scenario_data(), on_step=on_step)
     assert_no_trip(run)
     assert not left
     assert run.outcome.frames_lost == 0
-    assert run.ticks == play(story()).ticks
+    assert run.ticks == play(scenario_data()).ticks
 
 
 @pytest.mark.parametrize("byte", [b"\xff", b"\x00", b"\n", b"\a"])
@@ -293,7 +293,7 @@ def test_case_25_a_byte_in_the_midst_of_a_line(line: slcan_bench.Line, byte: byt
 def test_case_25_nothing_but_garbage_trips_on_age(line: slcan_bench.Line) -> None:
     """Every line is spoilt: the link is up, nothing of ours comes, and the ages trip."""
     spoilt = line.at(AT_S, lambda far: setattr(far, "garble", lambda text: text[:2] + b"\xff" + text[3:]))
-    run = line.play(story(duration_s=30.0), on_step=spoilt)
+    run = line.play(scenario_data(duration_s=30.0), on_step=spoilt)
     assert_tripped(run, AT_S, RX_S + T_S, "stale_levels", "stale_status", "node_lost")
     assert counts(line)["rejected_garbled"] > 10
 
@@ -307,7 +307,7 @@ def test_case_26_line_without_end(line: slcan_bench.Line) -> None:
             far.deliver(line.host)
             assert line.host.lines.kept <= MAX_LINE_BYTES == 1024
 
-    run = line.play(story(), on_step=line.at(AT_S, babble))
+    run = line.play(scenario_data(), on_step=line.at(AT_S, babble))
     assert_no_trip(run)
     assert run.outcome.frames_lost == 1
     assert counts(line) == {"rejected_endless": 1}
@@ -315,7 +315,7 @@ def test_case_26_line_without_end(line: slcan_bench.Line) -> None:
 
 def test_case_27_every_send_refused(line: slcan_bench.Line) -> None:
     """The adapter refuses every command: safe within W, the missing echo trips within 5 T, each refusal is counted."""
-    run = line.play(story(), on_step=line.at(AT_S, lambda far: setattr(far, "refuses", True)))
+    run = line.play(scenario_data(), on_step=line.at(AT_S, lambda far: setattr(far, "refuses", True)))
     assert_tripped(run, AT_S, 5 * T_S, "echo_missing", "node_tripped")
     assert run.node_off_s(AT_S) <= AT_S + W_S
     assert counts(line)["refused"] > 3
@@ -334,7 +334,7 @@ def test_lines_that_are_rejected_are_named_when_the_rig_is_not_ready_and_when_it
         return text[:-3] + b"\r" if text.startswith(b"t18") else text
 
     run = line.play(
-        story(rig={"safety": {"arm_timeout_s": 2.0}}),
+        scenario_data(rig={"safety": {"arm_timeout_s": 2.0}}),
         on_step=line.at(from_s, lambda far: setattr(far, "garble", garble)),
     )
     rejected = counts(line)["rejected_payload"]
@@ -351,7 +351,8 @@ def test_lines_that_are_rejected_are_named_when_the_rig_is_not_ready_and_when_it
 def test_case_27_every_send_refused_from_the_start(line: slcan_bench.Line) -> None:
     """So from the first command on: the pumps never move."""
     run = line.play(
-        story(rig={"safety": {"arm_timeout_s": 2.0}}), on_step=line.at(-2.0, lambda far: setattr(far, "refuses", True))
+        scenario_data(rig={"safety": {"arm_timeout_s": 2.0}}),
+        on_step=line.at(-2.0, lambda far: setattr(far, "refuses", True)),
     )
     assert run.cause == "echo_missing", run.told
     assert run.trip_s <= 5 * T_S + TIME_TOLERANCE_S
@@ -360,7 +361,7 @@ def test_case_27_every_send_refused_from_the_start(line: slcan_bench.Line) -> No
 
 def test_case_28_adapter_stops_reading(line: slcan_bench.Line) -> None:
     """The commands wait in the line: trip; when it reads again, the node refuses them all and stays at 0 V."""
-    run = line.play(story(duration_s=30.0), on_step=line.at(AT_S, lambda far: setattr(far, "is_deaf", True)))
+    run = line.play(scenario_data(duration_s=30.0), on_step=line.at(AT_S, lambda far: setattr(far, "is_deaf", True)))
     assert_tripped(run, AT_S, RX_S + T_S, "node_tripped", "echo_missing")
     assert_safe(run, AT_S)
     backlog = run.keeper.sent[line.far.heard - len(run.keeper.sent) :]

@@ -105,8 +105,8 @@ def emulator(
     transport: tuple[str, ...] = ("--slcan", "0"),
     is_forked: bool = True,
 ) -> Iterator[Emulator]:
-    story = () if scenario is None else ("--scenario", scenario)
-    command = ["firmware-sim", *transport, "--seed", "1", "--record", record, *story, *arguments]
+    scenario_data = () if scenario is None else ("--scenario", scenario)
+    command = ["firmware-sim", *transport, "--seed", "1", "--record", record, *scenario_data, *arguments]
     process = start(command, is_forked=is_forked)
     try:
         readable, _, _ = select.select([process.stdout], [], [], 20.0)

@@ -38,7 +38,7 @@ TCP, PTY = ("--slcan", "0"), ("--pty",)
 
 
 def trip_of(run: Controller):
-    """The one trip in kpi.json; run.json must tell the same story."""
+    """The one trip in kpi.json; run.json must agree."""
     kpi, manifest = run.json("kpi.json"), run.json("run.json")
     assert (kpi["status"], manifest["status"]) == ("tripped", "tripped")
     (trip,) = kpi["trips"]

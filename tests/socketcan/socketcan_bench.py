@@ -34,7 +34,7 @@ PERIOD_S = 0.1
 WATCHDOG_S = 0.25
 START_S = 300.0
 OFF = [0.0, 0.0]
-STORY = """
+SCENARIO = """
 [scenario]
 name = "kernel"
 duration_s = {duration}
@@ -175,8 +175,8 @@ def emulator(channel: str, folder: Path, *options) -> Iterator[Rig]:
 
 @contextmanager
 def controller(channel: str, folder: Path, *options, duration: float = 60.0, clear: bool = True) -> Iterator[Run]:
-    scenario = folder / "story.toml"
-    scenario.write_text(STORY.format(duration=duration))
+    scenario = folder / "scenario.toml"
+    scenario.write_text(SCENARIO.format(duration=duration))
     out = folder / "run"
     more = [*options, *(["--clear-trip"] if clear else [])]
     arguments = ["hil", "run", scenario, "-i", "socketcan", "-c", channel, "--out", out, "--no-rerun", "--no-report"]

@@ -35,10 +35,10 @@ SILENT = ("stale_levels", "stale_status", "node_lost", "echo_missing")
 """Causes that a silence can have: all begin together, and which age runs out first is a matter of phases."""
 AGE_MAX_S, FIVE_FRAMES_S, HEARTBEATS_S = max(3 * PERIOD_S, 0.15), 0.1, 0.75
 """What may pass before the controller trips: age of levels, five frames of 20 ms, heartbeats where frames are lost."""
-STRANGER_S = 0.5
-"""For so long a stranger feeds the node, which can't know better; the controller has latched and is silent."""
+FOREIGN_S = 0.5
+"""An unknown sender commands the node for so long; the controller has latched and is silent."""
 OUTAGE_S = 0.6
-"""Longer than the age that trips: a link that is back sooner may bring the news of the node's own trip first."""
+"""Longer than the age that trips: after a shorter interruption the node's own trip may be reported first."""
 
 
 @pytest.fixture
@@ -65,7 +65,7 @@ def assert_node_safe_in_time(rig: Rig, run: Run):
 
 
 class Whole:
-    """A run from start to end, and what a stranger saw of it."""
+    """A run from start to end, and what another program saw of it."""
 
     def __init__(self, run: Run, seen: Path, pump) -> None:
         self.run, self.seen, self.pump = run, seen, pump
@@ -94,7 +94,7 @@ def test_a_whole_run_is_complete_and_loses_no_command(whole: Whole) -> None:
 
 
 def test_candump_saw_each_command_once_and_cantools_reads_them(whole: Whole) -> None:
-    """A stranger's log, a stranger's decoder: every command within range, counters one after the other."""
+    """Another program's log and decoder: every command is within range, with consecutive counters."""
     frames = list(can.CanutilsLogReader(whole.seen))
     database = cantools.database.load_file(DBC)
     commands = [database.decode_message(COMMAND_ID, one.data) for one in frames if one.arbitration_id == COMMAND_ID]
@@ -130,7 +130,7 @@ def test_canplayer_replays_a_recorded_run_into_the_receiver(whole: Whole, loop: 
         (8, "frames delayed -v 0.6 -t 2", (*SILENT, "node_tripped"), max(AGE_MAX_S + PERIOD_S, WATCHDOG_S)),
         (9, "lower_levels garbage -v 1 -t 2", ("frames_refused",), FIVE_FRAMES_S),
         (11, "upper_levels stuck -t 2", ("frames_refused",), FIVE_FRAMES_S),
-        (14, "bus command -v 2 -t 0.5", ("foreign_command", "node_tripped"), STRANGER_S + WATCHDOG_S),
+        (14, "bus command -v 2 -t 0.5", ("foreign_command", "node_tripped"), FOREIGN_S + WATCHDOG_S),
         (29, "node reboot -i 1", ("node_rebooted", "node_tripped"), PERIOD_S),
         (30, "node no_heartbeat -i 2 -t 2", ("node_lost",), HEARTBEATS_S),
     ],
@@ -161,7 +161,7 @@ def test_case_01_05_06_12_lost_doubled_swapped_and_foreign_frames_do_not_trip(ri
 
 
 def test_case_14_cansend_of_our_command_id_latches(rig: Rig, run: Run, cable: Loop | Cable) -> None:
-    """A valid frame that a stranger sends: trips within a step, one last 0 V, then silence until the node is safe."""
+    """A valid frame of an unknown sender: trips within a step, one last 0 V, then silence until the node is safe."""
     data = CommandSender(assembly.load_contract(DBC)).encode(supervisor.OFF, 0)
     subprocess.run(["cansend", cable.far, f"{COMMAND_ID:03X}#{data.hex()}"], check=True)
     assert_tripped(run, "foreign_command", "node_tripped")
