@@ -129,20 +129,20 @@ def step(config: LoopConfig, state: LoopState, inputs: Inputs, now_ns: int) -> t
         integral = state_feedback.bumpless_integral(law, level_cm, effective)
     raw = state_feedback.pump_voltage(law, state_feedback.effective_voltage(law, integral, level_cm))
     new = LoopState(
-        state.started_ns,
-        now_ns,
-        reference,
-        law,
-        law_for,
-        integral,
-        estimate,
-        memory,
-        diagnosis,
-        _iae(state, estimate, period_s),
-        raw,
-        level_cm,
-        changed_s,
-        refined_until_s,
+        started_ns=state.started_ns,
+        stepped_ns=now_ns,
+        reference_V=reference,
+        law=law,
+        law_for=law_for,
+        integral_Vs=integral,
+        estimate=estimate,
+        memory=memory,
+        diagnosis=diagnosis,
+        iae_Vs=_iae(state, estimate, period_s),
+        raw_V=raw,
+        level_cm=level_cm,
+        changed_s=changed_s,
+        refined_until_s=refined_until_s,
     )
     return new, _events(state, new)
 
@@ -187,7 +187,12 @@ def _observe(
     if diagnosis.level_V is not None:
         k, (y1, y2, y3, y4) = config.level_filter.model.level_gain_V_cm, diagnosis.level_V
         level_cm = (y1 / k, y2 / k, y3 / k, y4 / k)
-        estimate = Estimate(level_cm, diagnosis.level_V, estimate.pump_V, estimate.innovation_V)
+        estimate = Estimate(
+            level_cm=level_cm,
+            level_V=diagnosis.level_V,
+            pump_V=estimate.pump_V,
+            innovation_V=estimate.innovation_V,
+        )
     return estimate, memory, diagnosis
 
 

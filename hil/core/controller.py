@@ -55,7 +55,7 @@ def step(
     if loop is None:
         supervision, events = supervisor.next_mode(config.limits, state.supervision, inputs, now_ns)
         if not supervision.mode.is_controlling:
-            return ControllerState(supervision), Output(supervisor.OFF, events, None)
+            return ControllerState(supervision), Output(command=supervisor.OFF, events=events, record=None)
         loop = closed_loop.begin(config.loop, inputs, now_ns)
         loop, loop_events = closed_loop.step(config.loop, loop, inputs, now_ns)
     else:
@@ -63,7 +63,13 @@ def step(
         loop, loop_events = closed_loop.step(config.loop, loop, inputs, now_ns)
         level_cm, pump_V = loop.estimate.level_cm, loop.estimate.pump_V
         outlets = watch(config.limits.model, outlets, level_cm, _effective(loop.diagnosis, pump_V), now_ns)
-        belief = Belief(loop.diagnosis, level_cm, pump_V, config.loop.reconfigure, outlets.open_share)
+        belief = Belief(
+            diagnosis=loop.diagnosis,
+            level_cm=level_cm,
+            pump_V=pump_V,
+            accommodates=config.loop.reconfigure,
+            open_share=outlets.open_share,
+        )
         supervision, events = supervisor.next_mode(config.limits, state.supervision, inputs, now_ns, belief)
     events += loop_events
     supervision, command = supervisor.safe_command(config.limits, supervision, loop.raw_V, config.loop.period_s)
@@ -71,13 +77,14 @@ def step(
     integral = _next_integral(config, loop, supervision.mode, inputs, command.voltage_V)
     if integral != loop.integral_Vs:
         loop = replace(loop, integral_Vs=integral)
-    return ControllerState(supervision, loop, outlets), Output(command, events, record)
+    new = ControllerState(supervision=supervision, loop=loop, outlets=outlets)
+    return new, Output(command=command, events=events, record=record)
 
 
 def fail(state: ControllerState, cause: TripCause, text: str) -> tuple[ControllerState, Output]:
     """State and output for a step that raised an exception: trip, 0 V in the same step."""
     supervision, events = supervisor.trip(state.supervision, cause, text)
-    return replace(state, supervision=supervision), Output(supervisor.OFF, events, None)
+    return replace(state, supervision=supervision), Output(command=supervisor.OFF, events=events, record=None)
 
 
 def will_be_cleared(config: ControllerConfig, state: ControllerState) -> bool:

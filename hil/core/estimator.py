@@ -36,7 +36,12 @@ def start(filter_: LevelFilter, measurement: Measurement, applied_V: Pair) -> Es
     """The first estimate: the readings. Every channel must be valid."""
     k = filter_.model.level_gain_V_cm
     y1, y2, y3, y4 = measurement.level_V
-    return Estimate((y1 / k, y2 / k, y3 / k, y4 / k), measurement.level_V, applied_V, (0.0, 0.0, 0.0, 0.0))
+    return Estimate(
+        level_cm=(y1 / k, y2 / k, y3 / k, y4 / k),
+        level_V=measurement.level_V,
+        pump_V=applied_V,
+        innovation_V=(0.0, 0.0, 0.0, 0.0),
+    )
 
 
 def step(
@@ -65,7 +70,8 @@ def step(
     h1, h2, h3, h4 = h1 + gain * n1, h2 + gain * n2, h3 + gain * n3, h4 + gain * n4
     level_cm = (max(h1, 0.0), max(h2, 0.0), max(h3, 0.0), max(h4, 0.0))
     h1, h2, h3, h4 = level_cm
-    return Estimate(level_cm, (k * h1, k * h2, k * h3, k * h4), pump_V, innovation_V)
+    level_V = (k * h1, k * h2, k * h3, k * h4)
+    return Estimate(level_cm=level_cm, level_V=level_V, pump_V=pump_V, innovation_V=innovation_V)
 
 
 def _predict(

@@ -63,7 +63,7 @@ def watch(model: TankModel, outlets: Outlets, level_cm: Quad, pump_V: Pair, now_
     h1, h2, h3, h4 = level_cm
     period_s = (now_ns - outlets.watched_ns) * 1e-9
     if outlets.level_cm is None or period_s <= 0.0:
-        return Outlets(outlets.share, (h1, h2), now_ns)
+        return Outlets(share=outlets.share, level_cm=(h1, h2), watched_ns=now_ns)
     (last1, last2), (share1, share2) = outlets.level_cm, outlets.share
     A1, A2, _, _ = model.area_cm2
     a1, a2, a3, a4 = model.outlet_cm2
@@ -77,7 +77,7 @@ def watch(model: TankModel, outlets: Outlets, level_cm: Quad, pump_V: Pair, now_
     weight = min(period_s / SMOOTHING_S, 1.0)
     share1 += weight * (min(max(seen1, low), high) - share1)
     share2 += weight * (min(max(seen2, low), high) - share2)
-    return Outlets((share1, share2), (h1, h2), now_ns)
+    return Outlets(share=(share1, share2), level_cm=(h1, h2), watched_ns=now_ns)
 
 
 def peak_levels(model: TankModel, lag_s: float, level_cm: Quad, pump_V: Pair, open_share: Pair = (1.0, 1.0)) -> Quad:

@@ -47,7 +47,13 @@ class Reconfiguration:
         h1, h2, h3, h4 = (max(h, MIN_LINEARISED_CM) for h in levels)
         gains = self.design.gains(linearise(self.model, (h1, h2, h3, h4)))
         return ControlLaw(
-            gains, levels, operating_V, target_V, theta, reachable.reason, self._standby(effectiveness, wanted_cm)
+            gains=gains,
+            operating_level_cm=levels,
+            operating_V=operating_V,
+            target_V=target_V,
+            effectiveness=theta,
+            reason=reachable.reason,
+            standby_V=self._standby(effectiveness, wanted_cm),
         )
 
     def _standby(self, effectiveness: Pair, wanted_cm: Pair) -> tuple[float | None, float | None]:

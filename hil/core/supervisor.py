@@ -263,12 +263,12 @@ def _situation(limits: Limits, state: Supervision, inputs: Inputs, now_ns: int, 
     since_ns = state.mismatch_since_ns
     (c1, c2), (a1, a2), (b1, b2) = state.command_V, inputs.pumps.applied_V, belief.pump_V
     return Situation(
-        inputs,
-        belief.diagnosis,
-        levels_cm(limits, inputs, belief),
-        (max(c1, a1, b1), max(c2, a2, b2)),
-        (now_ns - since_ns) * 1e-9 if since_ns >= 0 else 0.0,
-        belief.open_share,
+        inputs=inputs,
+        diagnosis=belief.diagnosis,
+        level_cm=levels_cm(limits, inputs, belief),
+        pump_V=(max(c1, a1, b1), max(c2, a2, b2)),
+        mismatch_s=(now_ns - since_ns) * 1e-9 if since_ns >= 0 else 0.0,
+        open_share=belief.open_share,
     )
 
 
@@ -280,14 +280,14 @@ def _with_command(state: Supervision, voltage: Pair) -> Supervision:
     if voltage == state.command_V:
         return state
     return Supervision(  # at every step: half the time of `replace`
-        state.mode,
-        state.cause,
-        voltage,
-        state.mismatch_since_ns,
-        state.manual_V,
-        state.bypasses,
-        state.stopped_by,
-        state.clears_node,
+        mode=state.mode,
+        cause=state.cause,
+        command_V=voltage,
+        mismatch_since_ns=state.mismatch_since_ns,
+        manual_V=state.manual_V,
+        bypasses=state.bypasses,
+        stopped_by=state.stopped_by,
+        clears_node=state.clears_node,
     )
 
 

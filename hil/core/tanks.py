@@ -183,7 +183,7 @@ def nearest_reachable(model: TankModel, lower_cm: Pair, limit_V: Pair) -> Reacha
         elif voltage < -tolerance:
             too.append(f"pump {pump} would need {voltage:.2f} V, below 0 V")
     if not too:
-        return ReachableTarget(lower_cm, (v1, v2), "")
+        return ReachableTarget(lower_cm=lower_cm, holding_V=(v1, v2), reason="")
     flow = through_flow_matrix(model)[:2] / (np.array(model.outlet_cm2[:2])[:, None] * sqrt(2.0 * model.gravity_cm_s2))
     best, best_distance = (0.0, 0.0), float("inf")
     for fixed in (0, 1):
@@ -196,7 +196,7 @@ def nearest_reachable(model: TankModel, lower_cm: Pair, limit_V: Pair) -> Reacha
                     best_distance = value
                     best = (edge, candidate) if fixed == 0 else (candidate, edge)
     reached = equilibrium(model, best)
-    return ReachableTarget((reached[0], reached[1]), best, "; ".join(too))
+    return ReachableTarget(lower_cm=(reached[0], reached[1]), holding_V=best, reason="; ".join(too))
 
 
 def _stationary(lines: list[tuple[float, float, float]], limit: float) -> list[float]:

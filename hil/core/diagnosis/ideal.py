@@ -13,11 +13,11 @@ from hil.core.estimator import Estimate
 from hil.core.types import Alarm, Diagnosis, Measurement, Pair
 
 TIME_TOLERANCE_S = 1e-6
-"""A fault due at a step's own time is due, however the float of it came out."""
+"""Rounding: a fault at a step's own time counts for that step."""
 
 
 class NoDetector:
-    """Takes every pump for sound."""
+    """Treats every pump as healthy."""
 
     def start(self) -> Any:
         """Nothing to remember."""
@@ -70,7 +70,7 @@ class IdealDetector:
         estimate: Estimate,
         applied_V: Pair,
     ) -> tuple[Any, Diagnosis]:
-        """The faults that stood delay_s ago; an alarm for every pump whose effectiveness is reported anew."""
+        """The faults that were present delay_s ago; an alarm for every pump whose effectiveness has changed."""
         then = t_s - self.delay_s + TIME_TOLERANCE_S
         reported = [1.0, 1.0]
         for fault in self.faults:
@@ -79,10 +79,10 @@ class IdealDetector:
         effectiveness = (reported[0], reported[1])
         alarms = tuple(
             Alarm(
-                t_s,
-                "pump_effectiveness",
-                pump + 1,
-                effectiveness[pump],
+                detected_s=t_s,
+                kind="pump_effectiveness",
+                target=pump + 1,
+                size=effectiveness[pump],
                 size_std=0.0,
                 onset_s=t_s - self.delay_s,
                 isolated_s=t_s,
@@ -93,4 +93,4 @@ class IdealDetector:
             for pump in (0, 1)
             if effectiveness[pump] != memory[pump]
         )
-        return effectiveness, Diagnosis(effectiveness, alarms)
+        return effectiveness, Diagnosis(effectiveness=effectiveness, new_alarms=alarms)

@@ -7,7 +7,7 @@ this module imports, directly or not, and of the versions of numba and numpy. Th
 version; a new result overwrites the outdated one, so that nothing accumulates and nothing has to be deleted by hand.
 
 The files lie in `__pycache__` beside the source, in the user's cache folder where that is read-only, or where
-`NUMBA_CACHE_DIR` says; where none of them can be written, each process compiles anew.
+`NUMBA_CACHE_DIR` says; where none of them can be written, each process compiles again.
 """
 
 from __future__ import annotations

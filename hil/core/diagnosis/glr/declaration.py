@@ -1,4 +1,7 @@
-"""What a jump of a state is called and how large it is, in the words and units of a scenario."""
+"""From a verdict to an alarm: kind and size of a fault, in the words and units of a scenario.
+
+Why this method: `docs/decisions/0009-diagnosis-by-likelihood-ratios.md`.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from math import nan, sqrt
 from hil.core.diagnosis.glr import inflow_check
 from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE
 from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, PUMPS, SPLITS
-from hil.core.diagnosis.glr.memory import Declared, DetectorConfig, Lost, Memory, Probation, Suspicion
+from hil.core.diagnosis.glr.memory import Declared, DetectorConfig, Lost, Memory, StuckCheck, Suspicion
 from hil.core.diagnosis.glr.model import BIAS, DRIFT, GAIN, LAG, LEAK, OUTLET, PUMP, SPLIT, Array
 from hil.core.types import UNRESOLVED, Alarm, Pair
 
@@ -16,13 +19,13 @@ STUCK_MOVED = 0.15
 """A pump is called stuck only when its voltage has moved by this share and its flow has not."""
 
 IDLE_V = 0.5
-"""A pump that gets less shows nothing of itself."""
+"""Below this voltage a pump's effectiveness does not show."""
 
 PROVEN_S, PROVEN_SHARE = 1.0, 0.1
-"""A pump that has been driven for so long without an alarm works; one with less of its gain left does not."""
+"""A pump that has been driven for this time without an alarm works; with a smaller share of its gain it does not."""
 
 BLIND_S = 3.0
-"""How long an alarm may stand unresolved while a lower tank has no sensor."""
+"""How long an alarm may be unresolved while a lower tank has no sensor."""
 
 RECOVERED_STDS = 3.0
 RECOVERED_PUMP = 0.03
@@ -34,12 +37,12 @@ def declare(config: DetectorConfig, m: Memory, j: int, before: Array, onset: int
     jump = JUMPS[j]
     now, std = float(m.x[jump.state]), sqrt(max(m.P[jump.state, jump.state], 0.0))
     known = m.declared.get(j)
-    sound = known.sound if known else float(before[jump.state])
-    total = now - sound
+    healthy = known.healthy if known else float(before[jump.state])
+    total = now - healthy
     kind = known.kind if known else (jump.rises if total > 0.0 else jump.falls)
     least = RECOVERED_PUMP if jump.state < SPLIT else jump.fall[0]
     is_recovery = known is not None and abs(total) < max(RECOVERED_STDS * std, least)
-    shown, unit = _shown(config, m, j, sound)
+    shown, unit = _shown(config, m, j, healthy)
     onset_s = m.time_of(onset)
     number, detected_s = _number(config, m, known, suspicion, is_recovery=is_recovery)
     if is_recovery:
@@ -47,30 +50,32 @@ def declare(config: DetectorConfig, m: Memory, j: int, before: Array, onset: int
         if jump.state >= LEAK:
             m.forget(jump.state)
     else:
-        m.declared[j] = Declared(kind, total, sound, number, detected_s, m.t_s)
+        m.declared[j] = Declared(
+            kind=kind, size=total, healthy=healthy, number=number, detected_s=detected_s, declared_s=m.t_s
+        )
     if kind == "sensor_drift" and not is_recovery:
-        _give_up(m, jump.target - 1, kind, number)
+        _exclude_sensor(m, jump.target - 1, kind, number)
     if j in PUMPS:
         is_loss = not is_recovery and kind == "pump_effectiveness"
-        m.probation = _probation(config, m, j, number, detected_s, onset_s) if is_loss else None
+        m.stuck_check = _begin_stuck_check(config, m, j, number, detected_s, onset_s) if is_loss else None
     return Alarm(
-        suspicion.detected_s if is_recovery else detected_s,
-        kind,
-        jump.target,
-        shown,
-        std * unit,
-        onset_s,
-        m.t_s,
-        (f"{kind} {jump.target}",),
-        number,
-        is_recovery,
+        detected_s=suspicion.detected_s if is_recovery else detected_s,
+        kind=kind,
+        target=jump.target,
+        size=shown,
+        size_std=std * unit,
+        onset_s=onset_s,
+        isolated_s=m.t_s,
+        candidates=(f"{kind} {jump.target}",),
+        number=number,
+        is_recovery=is_recovery,
     )
 
 
 def _number(
     config: DetectorConfig, m: Memory, known: Declared | None, suspicion: Suspicion, *, is_recovery: bool
 ) -> tuple[int, float]:
-    """Number and time of the alarm: those of the fault that is over, or is only told better, or else new ones."""
+    """Number and time of the alarm: those of the fault that is over or updated, or else new ones."""
     if known is not None and (is_recovery or m.t_s - known.declared_s < config.tuning.sharpen_s):
         return known.number, known.detected_s
     number, taken = suspicion.number, {fault.number for fault in m.declared.values()}
@@ -94,41 +99,57 @@ def unresolved(m: Memory, suspicion: Suspicion, numbers: list[int]) -> Alarm:
                 names[f"{kind} {JUMPS[j].target}"] = None
     onset_s = m.time_of(int(m.replays.onset[numbers[0]])) if numbers else nan
     return Alarm(
-        suspicion.detected_s, UNRESOLVED, 0, nan, onset_s=onset_s, candidates=tuple(names), number=suspicion.number or 0
+        detected_s=suspicion.detected_s,
+        kind=UNRESOLVED,
+        target=0,
+        size=nan,
+        onset_s=onset_s,
+        candidates=tuple(names),
+        number=suspicion.number or 0,
     )
 
 
 def effectiveness(m: Memory) -> Pair:
-    """(2,) what is left of each pump's gain; just 1 unless a loss was declared."""
+    """(2,) the share of each pump's gain that is left; exactly 1 unless a loss was declared."""
     left = [1.0, 1.0]
     for pump in PUMPS:
         fault = m.declared.get(pump)
         if fault is not None and fault.kind == "pump_effectiveness":
-            left[pump] = min(max(float(m.x[GAIN + pump]) / fault.sound, 0.0), 1.0)
+            left[pump] = min(max(float(m.x[GAIN + pump]) / fault.healthy, 0.0), 1.0)
     return left[0], left[1]
 
 
-def watch_probation(config: DetectorConfig, m: Memory, log_likelihood: float, stuck_likelihood: float) -> list[Alarm]:
+def watch_stuck(config: DetectorConfig, m: Memory, log_likelihood: float, stuck_likelihood: float) -> list[Alarm]:
     """Whether the pump that seemed to have lost gain is stuck instead: its flow does not follow its voltage."""
-    p = m.probation
+    p = m.stuck_check
     if p is None:
         return []
     p.evidence += stuck_likelihood - log_likelihood
     if m.t_s > p.until_s:
-        m.probation = None
+        m.stuck_check = None
     moved = abs(float(m.entry[VOLTAGE + p.pump]) - p.voltage_V) / p.voltage_V
     if p.evidence < config.tuning.detect or moved < STUCK_MOVED:
         return []
-    m.probation = None
+    m.stuck_check = None
     fault = m.declared[p.pump]
     m.declared[p.pump] = replace(fault, kind="pump_stuck_on")
-    flow_V = float(p.x[GAIN + p.pump] * p.x[PUMP + p.pump]) / fault.sound
+    flow_V = float(p.x[GAIN + p.pump] * p.x[PUMP + p.pump]) / fault.healthy
     name = f"pump_stuck_on {p.pump + 1}"
-    return [Alarm(p.detected_s, "pump_stuck_on", p.pump + 1, flow_V, nan, p.onset_s, m.t_s, (name,), p.number)]
+    alarm = Alarm(
+        detected_s=p.detected_s,
+        kind="pump_stuck_on",
+        target=p.pump + 1,
+        size=flow_V,
+        onset_s=p.onset_s,
+        isolated_s=m.t_s,
+        candidates=(name,),
+        number=p.number,
+    )
+    return [alarm]
 
 
 def watch_unproven(m: Memory) -> None:
-    """Whether the pump that stood still when the other one failed has been seen to work since."""
+    """Whether the pump that was at rest when the other one failed has been seen to work since."""
     if m.unproven is None:
         return
     pump, driven_s = m.unproven
@@ -138,25 +159,26 @@ def watch_unproven(m: Memory) -> None:
 
 
 def unproven(config: DetectorConfig, m: Memory) -> tuple[bool, bool]:
-    """(2,) pumps that may give no water.
+    """(2,) pumps that may deliver no water.
 
-    One that stood still, one that is dead if the likeliest suspicion is true, one whose upper tank gets nothing of it.
+    A pump that was at rest when the other failed and has not been seen to work since, one that is dead if the likeliest
+    hypothesis is true, and one whose upper tank receives no water from it.
     """
     doubts = [m.unproven is not None and m.unproven[0] == pump for pump in PUMPS]
     if m.suspicion is not None and m.suspicion.leader is not None:
         for pump in PUMPS:
             left = float(m.replays.x[m.suspicion.leader, GAIN + pump])
-            doubts[pump] |= pump in m.declared and left < PROVEN_SHARE * m.declared[pump].sound
+            doubts[pump] |= pump in m.declared and left < PROVEN_SHARE * m.declared[pump].healthy
     for pump in PUMPS:
         doubts[pump] |= PUMPS[1 - pump] in m.declared and inflow_check.is_missing(config, m, pump)
     return doubts[0], doubts[1]
 
 
 def is_blind(m: Memory) -> bool:
-    """Whether a lower tank fills in a way that neither a sensor nor the model can vouch for.
+    """Whether the level of a lower tank is known neither from a sensor nor from the model.
 
-    What its own pump and valve give it shows in the sensor of that tank alone: the upper tank gets the rest, and a
-    weaker pump or a valve that has moved look the same from there.
+    The flow that the tank gets from its own pump and valve shows only in the sensor of that tank: the upper tank gets
+    the rest, and a weaker pump and a shifted valve look the same there.
     """
     for sensor, lost in m.lost.items():
         if sensor in PUMPS:
@@ -167,36 +189,36 @@ def is_blind(m: Memory) -> bool:
     return False
 
 
-def _shown(config: DetectorConfig, m: Memory, j: int, sound: float) -> tuple[float, float]:
-    """The size as a scenario would give it, and its unit in units of the state."""
+def _shown(config: DetectorConfig, m: Memory, j: int, healthy: float) -> tuple[float, float]:
+    """The size as a scenario gives it, and that unit per unit of the state."""
     jump = JUMPS[j]
     now, model = float(m.x[jump.state]), config.model
     if jump.state < SPLIT:
-        stuck = m.declared[j].kind == "pump_stuck_on" if j in m.declared else now > sound
-        unit = (float(m.x[PUMP + jump.target - 1]) if stuck else 1.0) / sound
+        stuck = m.declared[j].kind == "pump_stuck_on" if j in m.declared else now > healthy
+        unit = (float(m.x[PUMP + jump.target - 1]) if stuck else 1.0) / healthy
         return now * unit, unit
     if jump.state < OUTLET:
         unit = float(model.valve_split[jump.target - 1] if jump.state < LAG else model.lag_s)
         return now * unit, unit
     if jump.state < LEAK:
-        return abs(now - sound) / sound, 1.0 / sound
+        return abs(now - healthy) / healthy, 1.0 / healthy
     if jump.state < BIAS:
         unit = 1.0 / _clean_outlet(m, jump.target)
-        return (now - sound) * unit, unit
+        return (now - healthy) * unit, unit
     return now, 1.0
 
 
 def _clean_outlet(m: Memory, tank: int) -> float:
     """A tank's outlet over the rig file's, before it was blocked if it is."""
     state = OUTLET + tank - 1
-    blocked = (fault.sound for j, fault in m.declared.items() if JUMPS[j].state == state)
+    blocked = (fault.healthy for j, fault in m.declared.items() if JUMPS[j].state == state)
     return next(blocked, float(m.x[state]))
 
 
-def _give_up(m: Memory, sensor: int, kind: str, number: int) -> None:
-    """A sensor that drifts has nothing more to say."""
+def _exclude_sensor(m: Memory, sensor: int, kind: str, number: int) -> None:
+    """Stop using a sensor that drifts."""
     m.usable[sensor] = False
-    m.lost[sensor] = Lost(kind, number, m.t_s)
+    m.lost[sensor] = Lost(kind=kind, number=number, since_s=m.t_s)
     m.agrees[sensor] = 0
     m.forget(BIAS + sensor)
     m.forget(DRIFT + sensor)
@@ -204,12 +226,20 @@ def _give_up(m: Memory, sensor: int, kind: str, number: int) -> None:
         del m.declared[j]
 
 
-def _probation(
+def _begin_stuck_check(
     config: DetectorConfig, m: Memory, pump: int, number: int, detected_s: float, onset_s: float
-) -> Probation:
+) -> StuckCheck:
     x = m.x.copy()
     voltage_V = max(float(m.entry[VOLTAGE + pump]), 0.1)
     x[GAIN + pump] *= float(x[PUMP + pump]) / voltage_V
     x[PUMP + pump] = voltage_V
-    until_s = m.t_s + config.tuning.probation_s
-    return Probation(pump, number, detected_s, onset_s, until_s, voltage_V, x, m.P.copy())
+    return StuckCheck(
+        pump=pump,
+        number=number,
+        detected_s=detected_s,
+        onset_s=onset_s,
+        until_s=m.t_s + config.tuning.stuck_check_s,
+        voltage_V=voltage_V,
+        x=x,
+        P=m.P.copy(),
+    )

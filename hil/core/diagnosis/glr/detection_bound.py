@@ -1,9 +1,9 @@
-"""How soon a fault could be found at all.
+"""The detection bound: how soon a fault could be found by any detector.
 
-A detector that knows the fault's kind, size and onset, and only asks whether it is there, gathers the Kullback-Leibler
-distance s' J(t) s / 2 of the innovations with and without the fault; J is the energy of the jump's signature, as in the
-bank. With no more than one false alarm in a day of steps it has to wait until that reaches ln(steps a day). It is
-worked out reading by reading, so that the control period doesn't round it.
+A detector that knows the fault's kind, size and onset, and only tests whether it is present, gathers the Kullback-
+Leibler distance s' J(t) s / 2 of the innovations with and without the fault; J is the energy of the jump's signature,
+as in the bank. With no more than one false alarm in a day of steps it has to wait until that reaches ln(steps a day).
+It is computed reading by reading, so that it is not rounded to control periods.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from hil.core.types import Measurement, Pair, Quad
 
 DAY_S = 86_400.0
 LEARNING_S = 150.0
-LONGEST_S = 60.0
+MAX_S = 60.0
 ALL = (True, True, True, True)
 
 
@@ -56,7 +56,7 @@ def detection_bound_s(
     period_s: float,
     reading_s: float,
 ) -> float | None:
-    """Seconds from the onset to ln(steps of period_s a day) nats, pumps held at operating_V; None if a minute won't do.
+    """Seconds from the onset to ln(steps of period_s a day) nats, pumps held at operating_V; None if over a minute.
 
     jumps : sizes by place in JUMPS, one jump or the two pumps'. reading_s : between readings of noise_V each. The
     filter has run for some minutes before.
@@ -73,7 +73,7 @@ def detection_bound_s(
     m.restart_bank()
     slot = int((m.bank.onset >= 0).argmax())
     wanted = log(DAY_S / period_s)
-    for number in range(1, round(LONGEST_S / reading_s) + 1):
+    for number in range(1, round(MAX_S / reading_s) + 1):
         _quiet_step(config, m, entry, levels)
         b = m.bank
         kernels.advance_bank(config.model.level_gain_V_cm, entry, m.result, b)

@@ -1,8 +1,9 @@
-"""Second thoughts: whether it was the sensor that drifted, or the level.
+"""Drift review: whether the sensor drifted, or the level.
 
-A drift and a leak or blockage, most of all of the same tank, bend the same reading, and differ in what the level then
-does. A drift called too soon is the dangerous mistake: the sensor that shows the tank filling is no longer listened to.
-So both filters go on with its readings, and the verdict is turned round when the other one explains them better.
+A sensor drift and a leak or blockage, most of all of the same tank, change the same reading in a similar way, and
+differ only in what the level does afterwards. A drift that is declared wrongly is dangerous: the sensor that shows how
+the tank fills is no longer used. So the filters of both hypotheses continue with its readings for some time, and the
+verdict is reversed when the other hypothesis explains them better.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from hil.core.types import Alarm, Measurement
 
 
 def rival_of(config: DetectorConfig, m: Memory, winner: int, order: list[int], suspicion: Suspicion) -> Rival | None:
-    """The likeliest leak or blockage beside a drift that has just been declared, if any comes near."""
+    """The likeliest leak or blockage beside a drift that has just been declared; None when none is nearly as likely."""
     r, tuning = m.replays, config.tuning
     if winner == BOTH or JUMPS[winner].state < DRIFT:
         return None
@@ -24,23 +25,23 @@ def rival_of(config: DetectorConfig, m: Memory, winner: int, order: list[int], s
     for number in order:
         if number != BOTH and OUTLET <= JUMPS[number].state < BIAS and near[number] and not r.dropped[number]:
             return Rival(
-                number,
-                suspicion,
-                JUMPS[winner].state - DRIFT,
-                int(r.onset[number]),
-                r.before[number].copy(),
-                r.x[number].copy(),
-                r.P[number].copy(),
-                r.x[winner].copy(),
-                r.P[winner].copy(),
-                float(r.evidence[winner] - r.evidence[number]),
-                m.t_s + tuning.rival_s,
+                number=number,
+                suspicion=suspicion,
+                sensor=JUMPS[winner].state - DRIFT,
+                onset=int(r.onset[number]),
+                before=r.before[number].copy(),
+                x=r.x[number].copy(),
+                P=r.P[number].copy(),
+                own_x=r.x[winner].copy(),
+                own_P=r.P[winner].copy(),
+                lead=float(r.evidence[winner] - r.evidence[number]),
+                until_s=m.t_s + tuning.rival_s,
             )
     return None
 
 
 def step(config: DetectorConfig, m: Memory, measurement: Measurement) -> list[Alarm]:
-    """One step of both filters; the alarm that turns the verdict round."""
+    """One step of both filters; the alarm that reverses the verdict."""
     rival = m.rival
     if rival is None:
         return []
@@ -50,18 +51,18 @@ def step(config: DetectorConfig, m: Memory, measurement: Measurement) -> list[Al
         return []
     i = rival.sensor
     entry = m.entry.copy()
-    is_heard = measurement.readings > 0 and measurement.valid[i] and measurement.level_V[i] > config.empty_V
-    if is_heard and not m.sensors[i].is_stuck(measurement, i):
+    is_usable = measurement.readings > 0 and measurement.valid[i] and measurement.level_V[i] > config.empty_V
+    if is_usable and not m.sensors[i].is_stuck(measurement, i):
         entry[READING + i] = measurement.level_V[i]
     rival.lead += config.filter_beside(rival.own_x, rival.own_P, entry) - config.filter_beside(rival.x, rival.P, entry)
     if rival.lead > config.tuning.drop_margin:
         m.rival = None
     if rival.lead > -config.tuning.detect:
         return []
-    return _turn(config, m, rival)
+    return _reverse(config, m, rival)
 
 
-def _turn(config: DetectorConfig, m: Memory, rival: Rival) -> list[Alarm]:
+def _reverse(config: DetectorConfig, m: Memory, rival: Rival) -> list[Alarm]:
     """The rival's filter becomes the filter, and the sensor is used again; under the number of the drift's alarm."""
     m.rival = None
     del m.lost[rival.sensor]

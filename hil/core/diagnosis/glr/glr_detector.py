@@ -1,8 +1,11 @@
 """The detector: filter, bank, replays and sensor tests, composed into a `FaultDetector`.
 
-watching   the filter runs, the bank looks back; a likelihood ratio above `Tuning.detect` raises an alarm
+detecting  the filter runs, the bank looks back; a likelihood ratio above `Tuning.detect` raises an alarm
 isolating  every hypothesis is replayed from its onset; the alarm names the candidates until one leads by the margin
-settled    the winner's filter becomes the filter, and watching goes on: for the next fault, or for the recovery
+settled    the winner's filter becomes the filter, and detection continues: for the next fault, or for the recovery
+
+Why this method: `docs/decisions/0009-diagnosis-by-likelihood-ratios.md`. Why the memory changes in place:
+`docs/decisions/0010-numba.md`.
 """
 
 from __future__ import annotations
@@ -22,23 +25,23 @@ from hil.core.tanks import TankModel
 from hil.core.types import Alarm, Diagnosis, Measurement, Pair
 
 ALL = (True, True, True, True)
-ABSURD_V = 100.0
-"""No level reads so much, whatever its range is said to be."""
+MAX_READING_V = 100.0
+"""A higher reading is not used, whatever range the rig file gives."""
 
-LARGEST_SHOCK = 30.0
-"""One step's mean square innovation counts for no more than this in the divergence test: a jump is a fault's affair."""
+MAX_MEAN_SQUARE = 30.0
+"""One step's mean square innovation counts for no more than this in the divergence test: a single jump is a fault."""
 
 
 class GlrDetector:
     """Generalised likelihood ratios over onset and hypothesis, isolation by replay. One memory a run."""
 
     def __init__(self, model: TankModel, lag_s: float, noise_V: float, tuning: Tuning | None = None) -> None:
-        """lag_s, noise_V : what the rig file believes. Compiles what is not compiled yet: seconds, the first time."""
+        """lag_s, noise_V : the rig file's. Compiles what is not compiled yet, which takes a quarter of a minute."""
         self.config = DetectorConfig.of(model, lag_s, noise_V, tuning or Tuning())
         self._warm_up()
 
     def start(self) -> Memory | None:
-        """Nothing known; the first measurement starts the filter."""
+        """No memory yet; the first measurement starts the filter."""
         return None
 
     def step(
@@ -46,7 +49,7 @@ class GlrDetector:
         memory: Any,
         t_s: float,
         measurement: Measurement,
-        estimate: Estimate,  # noqa: ARG002 - it has a filter of its own
+        estimate: Estimate,  # noqa: ARG002 - this detector has a filter of its own
         applied_V: Pair,
     ) -> tuple[Any, Diagnosis]:
         """Verdict at run time t_s, s; applied_V held since the last step. `memory` is changed and handed back."""
@@ -78,13 +81,13 @@ class GlrDetector:
         floor_V2, empty_V = self.config.tuning.reading_floor_V**2, self.config.empty_V
         scale = m.scale.tolist()
         levels, variances = [nan] * 4, [1.0] * 4
-        for i, channel in enumerate(m.sensors):
-            is_wet = empty_V < level_V[i] < ABSURD_V
+        for i, sensor in enumerate(m.sensors):
+            is_wet = empty_V < level_V[i] < MAX_READING_V
             if is_wet:
-                channel.learn(measurement, i, is_used=usable[i])
+                sensor.learn(measurement, i, is_used=usable[i])
                 if n > 0 and usable[i] and measurement.valid[i]:
                     levels[i] = level_V[i]
-            variances[i] = scale[i] * (channel.current_variance / max(n, 1) + floor_V2)
+            variances[i] = scale[i] * (sensor.current_variance / max(n, 1) + floor_V2)
         mean_age_s = measurement.age_s + 0.5 * dt * (n - 1) / n if n > 0 else 0.0
         m.entry[:] = (*applied_V, *levels, *variances, dt, min(max(1.0 - mean_age_s / dt, 0.0), 1.0))
 
@@ -103,21 +106,21 @@ class GlrDetector:
         return alarms
 
     def _watch_stuck_pump(self, m: Memory, likelihood: float) -> list[Alarm]:
-        p = m.probation
+        p = m.stuck_check
         if p is None:
             return []
         entry = m.entry.copy()
         entry[VOLTAGE + p.pump] = p.voltage_V
-        return declaration.watch_probation(self.config, m, likelihood, self.config.filter_beside(p.x, p.P, entry))
+        return declaration.watch_stuck(self.config, m, likelihood, self.config.filter_beside(p.x, p.P, entry))
 
     def _learn_noise(self, m: Memory) -> None:
-        """Believe in more noise where innovations are larger than expected, but not while a fault may be why."""
+        """Assume more noise where innovations are larger than expected, but not while a fault may be the reason."""
         tuning = self.config.tuning
         pace = tuning.scale_pace if m.max_ratio < tuning.calm else 0.0
         square = kernels.learn_scale(m.entry, m.result, m.scale, pace)
         if square >= 0.0:
             share = min(float(m.entry[PERIOD]) / tuning.diverged_s, 1.0)
-            m.surprise += share * (min(square, LARGEST_SHOCK) - m.surprise)
+            m.mean_square += share * (min(square, MAX_MEAN_SQUARE) - m.mean_square)
 
     def _diagnosis(self, m: Memory, alarms: list[Alarm]) -> Diagnosis:
         gain = self.config.model.level_gain_V_cm
@@ -128,20 +131,20 @@ class GlrDetector:
         stuck = [j in m.declared and m.declared[j].kind == "pump_stuck_on" for j in PUMPS]
         distrusted = [m.distrusted(i) for i in range(4)]
         return Diagnosis(
-            declaration.effectiveness(m),
-            tuple(alarms),
-            (not distrusted[0], not distrusted[1], not distrusted[2], not distrusted[3]),
-            level_V,
-            (stuck[0], stuck[1]),
-            self._is_diverged(m, h1),
-            declaration.unproven(self.config, m),
-            declaration.is_blind(m),
+            effectiveness=declaration.effectiveness(m),
+            new_alarms=tuple(alarms),
+            trusted=(not distrusted[0], not distrusted[1], not distrusted[2], not distrusted[3]),
+            level_V=level_V,
+            stuck_on=(stuck[0], stuck[1]),
+            is_diverged=self._is_diverged(m, h1),
+            unproven=declaration.unproven(self.config, m),
+            is_blind=declaration.is_blind(m),
         )
 
     def _is_diverged(self, m: Memory, level_cm: float) -> bool:
         tuning = self.config.tuning
-        restless = len(m.verdicts_s) >= tuning.verdicts_max and m.t_s - m.verdicts_s[0] < tuning.diverged_s
-        return restless or m.surprise > tuning.diverged or not isfinite(level_cm)
+        has_too_many_verdicts = len(m.verdicts_s) >= tuning.verdicts_max and m.t_s - m.verdicts_s[0] < tuning.diverged_s
+        return has_too_many_verdicts or m.mean_square > tuning.diverged or not isfinite(level_cm)
 
     def _warm_up(self) -> None:
         """Run every compiled function once, so that nothing is compiled while pumps move."""

@@ -1,7 +1,7 @@
-"""What can go wrong, in the detector's eyes: each hypothesis is a jump of one state of the filter.
+"""The fault hypotheses: each is a jump of one state of the filter.
 
 A row of `JUMPS` is one state that may jump. What a jump is called depends on its sign, and on what has already been
-declared of that state: a pump that has lost gain may gain some again, one that hasn't can't.
+declared of that state: only a pump that has lost gain may gain some again.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ class Jump:
     """One state that may jump.
 
     state : its index. target : pump, tank or sensor, from 1. rises, falls : kind of fault that a jump up or down means,
-    "" where the process can't do that. prior : standard deviation of a jump before anything is known of it.
-    rise, fall : the smallest and the largest jump up and down that is believed.
+    "" where that is impossible. prior : standard deviation of a jump before anything is known of it.
+    rise, fall : the smallest and the largest jump up and down that is accepted.
     """
 
     state: int
@@ -43,7 +43,7 @@ JUMPS: tuple[Jump, ...] = (
 )
 H = len(JUMPS)
 PUMPS, SPLITS = (0, 1), (2, 3)
-"""Where the two pumps, and the valves behind them, stand in JUMPS."""
+"""Places of the two pumps, and of the valves behind them, in JUMPS."""
 
 BOTH = H
 """Number of the hypothesis that both pumps jumped at once."""

@@ -1,6 +1,6 @@
-"""Whether water arrives: a mass balance of the upper tank that a pump fills, over one second, without the filter.
+"""Inflow check: a mass balance of the upper tank that a pump fills, over one second, without the filter.
 
-With two faults at once the filter may explain a pump that runs dry by something else; the balance can't.
+With two faults at once the filter may explain a pump that runs dry by something else; the balance does not.
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ from hil.core.diagnosis.glr.replay import RING
 
 WINDOW_S = 1.0
 MIN_V = 2.0
-"""A pump driven by less would fill its tank too slowly to be judged within the window."""
+"""A pump with a lower voltage fills its tank too slowly for a check within the window."""
 
 MIN_SHARE = 0.2
-"""So much of the expected inflow is water; readings of 5 mV tell it to a tenth at MIN_V."""
+"""A smaller share of the expected inflow counts as no water; with 5 mV of noise it is known to a tenth at MIN_V."""
 
 MIN_READ = 0.3
-"""Share of the periods that must hold a reading: short ones don't all."""
+"""Share of the periods that must have a reading: short periods do not all have one."""
 
 
 def is_missing(config: DetectorConfig, m: Memory, pump: int) -> bool:
-    """Whether pump 0 or 1 has been driven for the whole window and its upper tank got nothing of it.
+    """Whether pump 0 or 1 has been driven for the whole window and its upper tank received no water from it.
 
-    False where that can't be told, since the pump got too little or the tank's sensor is not used.
+    False where that can't be judged, because the pump's voltage was too low or the tank's sensor is not used.
     """
     steps = round(WINDOW_S / float(m.entry[PERIOD]))
     if not 2 <= steps < min(m.now, RING):

@@ -1,4 +1,7 @@
-"""From an alarm to a verdict: replay every hypothesis from its onset until one of them leads."""
+"""From an alarm to a verdict: replay every hypothesis from its onset until one of them leads.
+
+Why this method: `docs/decisions/0009-diagnosis-by-likelihood-ratios.md`.
+"""
 
 from __future__ import annotations
 
@@ -18,22 +21,22 @@ from hil.core.types import Alarm
 
 ONSETS_AROUND = (-8, -4, -2, -1, 0, 1, 2, 4, 8)
 RIVALS = 2
-"""Onsets, in steps about the likeliest, and how many rivals of the leader get the same, before anything is settled."""
+"""Onsets to try, in steps from the likeliest, before a verdict; the number of the leader's rivals that get the same."""
 
 CHECKPOINT_STEPS = 10
-"""So long before the onset of what is declared is the filter that one can go back to."""
+"""The checkpoint is at least this many steps before the onset of what is declared."""
 
-BACK_MOST = 100
-"""Steps; to live through more of them again takes longer than a step may."""
+MAX_BACK_STEPS = 100
+"""Filtering more steps than this again would take longer than a control step may."""
 
 NO_LIMIT = 1 << 40
 """Filter steps; more than there can be."""
 
 NO_EVIDENCE = -1e300
-"""Of what can't be; still a number, so that differences are."""
+"""Evidence of an impossible hypothesis; finite, so that differences are."""
 
-LEAST_GAIN, SURE_STDS = -0.1, 3.0
-"""No pump runs backwards; what is estimated of one that stands still may err a little, and at first by much."""
+MIN_GAIN, SURE_STDS = -0.1, 3.0
+"""No pump runs backwards; the estimated gain of one at rest may be a little below zero, at first with a large error."""
 
 FAR_BEHIND = 0.25
 """A hypothesis with less than this share of the leader's ratio has no onset worth its own replay."""
@@ -47,15 +50,15 @@ def jumps_of(number: int) -> tuple[int, ...]:
 def suspect(m: Memory) -> None:
     """Raise an alarm: put one filter a hypothesis at the onset that the bank finds likeliest for it.
 
-    Hypotheses that lag far behind begin at the leader's onset: theirs may be long ago, and long replays cost time.
-    If the leader may be a fault that is known already there is nothing to be said before the verdict.
+    Hypotheses with much smaller ratios begin at the leader's onset: theirs may be long ago, and long replays cost time.
+    If the leader may be a fault that is known already, no alarm is raised before the verdict.
     """
     leader = int(np.argmax(m.best.ratio))
     number = None
     if not any(j in m.declared for j in jumps_of(leader)):
         m.alarms += 1
         number = m.alarms
-    m.suspicion = Suspicion(number, m.t_s)
+    m.suspicion = Suspicion(number=number, detected_s=m.t_s)
     for number in range(H + 1):
         own = m.best.slot[number] >= 0 and m.best.ratio[number] >= FAR_BEHIND * m.max_ratio
         slot = int(m.best.slot[number if own else leader])
@@ -71,10 +74,10 @@ def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Ala
     suspicion.leader = order[0]
     state = JUMPS[order[0]].state if order[0] != BOTH else GAIN
     is_bias, is_drift = BIAS <= state < DRIFT, state >= DRIFT
-    is_seen = m.now - int(r.onset[order[0]]) >= (tuning.least_drift_steps if is_drift else tuning.least_steps)
+    is_seen = m.now - int(r.onset[order[0]]) >= (tuning.min_drift_steps if is_drift else tuning.min_steps)
     winner = None
     if m.is_doubtful:
-        pass  # some readings more, and a sensor may be found stuck: then it is none of these
+        pass  # after some more readings a sensor may be found stuck: then none of these is true
     elif is_seen or (is_bias and evidence[order[0]] - evidence[order[1]] >= tuning.jump_margin):
         winner = _leader(config, m, evidence, order)
     if winner is not None:
@@ -95,18 +98,18 @@ def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Ala
 
 def _candidates(m: Memory, suspicion: Suspicion, likely: list[int]) -> list[Alarm]:
     """The unresolved alarm, once."""
-    is_news = suspicion.number is not None and suspicion.detected_s == m.t_s
-    return [declaration.unresolved(m, suspicion, likely)] if is_news else []
+    is_new = suspicion.number is not None and suspicion.detected_s == m.t_s
+    return [declaration.unresolved(m, suspicion, likely)] if is_new else []
 
 
 def _drop(config: DetectorConfig, m: Memory, evidence: Array) -> None:
-    """Give up hypotheses that have fallen far behind; the pair of pumps is needed to judge a single one.
+    """Drop hypotheses that are far behind; both pumps together is kept, it is needed to judge a single pump.
 
-    One whose size is impossible so far is given its chance while it explains the readings.
+    One whose size is impossible so far is kept as long as it explains the readings.
     """
     r = m.replays
     behind = r.evidence < evidence.max() - config.tuning.drop_margin
-    r.dropped[behind & (m.now - r.onset > config.tuning.least_steps)] = 1
+    r.dropped[behind & (m.now - r.onset > config.tuning.min_steps)] = 1
     r.dropped[BOTH] = 0
 
 
@@ -125,7 +128,7 @@ def _likely_by_bank(config: DetectorConfig, m: Memory) -> list[int]:
 
 
 def _is_possible(m: Memory, number: int) -> bool:
-    """Whether the sizes found are large enough and of a sign that the fault can have; pumps go together."""
+    """Whether the sizes found are large enough and of a sign that the fault can have; two pumps must have one sign."""
     rise, fall = m.min_jumps()
     r = m.replays
     sizes = [(j, r.x[number, JUMPS[j].state] - r.before[number, JUMPS[j].state]) for j in jumps_of(number)]
@@ -140,7 +143,7 @@ def _is_possible(m: Memory, number: int) -> bool:
 
 def _runs_backwards(r: Replays, number: int, state: int) -> bool:
     std = sqrt(max(r.P[number, state, state], 0.0))
-    return bool(r.x[number, state] + SURE_STDS * std < LEAST_GAIN)
+    return bool(r.x[number, state] + SURE_STDS * std < MIN_GAIN)
 
 
 def _leader(config: DetectorConfig, m: Memory, evidence: Array, order: list[int]) -> int | None:
@@ -159,13 +162,13 @@ def _leader(config: DetectorConfig, m: Memory, evidence: Array, order: list[int]
 
 
 def _is_overtaken(config: DetectorConfig, m: Memory, number: int) -> bool:
-    """Whether a hypothesis explained what was seen, until something else happened."""
+    """Whether a hypothesis explained the readings until something else happened."""
     return _has_explained(config, m, number) and float(m.replays.misfit[number]) > config.tuning.overtaken
 
 
 def _has_explained(config: DetectorConfig, m: Memory, number: int) -> bool:
     fit = int(m.replays.fit[number])
-    return fit - m.replays.onset[number] >= config.tuning.least_fit_steps and m.now - fit <= BACK_MOST
+    return fit - m.replays.onset[number] >= config.tuning.min_fit_steps and m.now - fit <= MAX_BACK_STEPS
 
 
 def _is_known(config: DetectorConfig, m: Memory, pump: int) -> bool:
@@ -177,8 +180,8 @@ def _is_known(config: DetectorConfig, m: Memory, pump: int) -> bool:
 def _settle(config: DetectorConfig, m: Memory, suspicion: Suspicion, winner: int, order: list[int]) -> list[Alarm]:
     """The winner's filter becomes the filter.
 
-    Once it has explained enough it does so as it stood some steps ago, and lives through them again with the bank: a
-    fault that has begun meanwhile is met from its onset on.
+    If it has explained the readings for long enough, its filter of some steps ago is used, and those steps are filtered
+    again with the bank: a fault that has begun meanwhile is then seen from its onset on.
     """
     r = m.replays
     m.suspicion = None
@@ -193,26 +196,34 @@ def _settle(config: DetectorConfig, m: Memory, suspicion: Suspicion, winner: int
     alarms = [declaration.declare(config, m, j, before, onset, suspicion) for j in jumps_of(winner)]
     m.restart_bank()
     if has_explained:
-        _relive(config, m, int(r.fit[winner]))
-    m.rival = drift_review.rival_of(config, m, winner, order, Suspicion(alarms[0].number, alarms[0].detected_s))
+        _refilter(config, m, int(r.fit[winner]))
+    m.rival = drift_review.rival_of(
+        config, m, winner, order, Suspicion(number=alarms[0].number, detected_s=alarms[0].detected_s)
+    )
     m.verdicts_s = (*m.verdicts_s, m.t_s)[-config.tuning.verdicts_max :]
     return alarms
 
 
-def _relive(config: DetectorConfig, m: Memory, start: int) -> None:
-    """From a step on once more, without the sensors that have been given up."""
+def _refilter(config: DetectorConfig, m: Memory, start: int) -> None:
+    """Filter again from a step on, without the sensors that are no longer used."""
     for sensor in m.lost:
-        rollback.revalue(m, start, sensor, None)
-    rollback.relive(config, m, start, m.now)
+        rollback.set_reading_variance(m, start, sensor, None)
+    rollback.refilter(config, m, start, m.now)
 
 
 def _checkpoint(m: Memory, onset: int) -> Checkpoint:
-    """The filter as it was before a fault began, with some steps in hand."""
+    """The filter as it was before a fault began, with a margin of some steps."""
     b = m.bank
     slots = [s for s in range(SLOTS) if b.onset[s] >= 0]
     early = [s for s in slots if b.onset[s] <= onset - CHECKPOINT_STEPS]
     slot = max(early, key=lambda s: int(b.onset[s])) if early else min(slots, key=lambda s: int(b.onset[s]))
-    return Checkpoint(onset, int(b.onset[slot]), m.history.x[slot].copy(), m.history.P[slot].copy(), dict(m.declared))
+    return Checkpoint(
+        onset=onset,
+        step=int(b.onset[slot]),
+        x=m.history.x[slot].copy(),
+        P=m.history.P[slot].copy(),
+        declared=dict(m.declared),
+    )
 
 
 def _sharpen(config: DetectorConfig, m: Memory, number: int) -> None:
@@ -235,14 +246,14 @@ def _sharpen(config: DetectorConfig, m: Memory, number: int) -> None:
 
 
 def _evidence(m: Memory) -> tuple[Array, list[int]]:
-    """(H + 1,) log-likelihood ratios, those of what can't be at the very bottom; the numbers, the likeliest first."""
+    """(H + 1,) log-likelihood ratios, NO_EVIDENCE for the impossible; the hypotheses' numbers, the likeliest first."""
     ratios = enumerate(m.replays.evidence)
     evidence = np.array([value if _is_possible(m, number) else NO_EVIDENCE for number, value in ratios])
     return evidence, [int(number) for number in np.argsort(-evidence)]
 
 
 def _loosen(config: DetectorConfig, m: Memory, winner: int, before: Array) -> None:
-    """An onset off by part of a step has left its mark on levels and size: let the readings correct it."""
+    """Raise the variance of levels and size: the onset may be off by part of a step, and the readings correct that."""
     tuning = config.tuning
     for j in jumps_of(winner):
         jump = JUMPS[j]

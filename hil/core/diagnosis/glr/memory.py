@@ -1,4 +1,7 @@
-"""What the detector carries from one step to the next. It changes in place and belongs to one run."""
+"""What the detector carries from one step to the next. It changes in place and belongs to one run.
+
+Why in place: `docs/decisions/0010-numba.md`.
+"""
 
 from __future__ import annotations
 
@@ -69,8 +72,8 @@ class DetectorConfig:
 class Suspicion:
     """An alarm that is not resolved yet.
 
-    number : its own; None as long as it may be about a fault that has one. leader : the likeliest hypothesis, None
-    before the replays have told one.
+    number : of the alarm; None as long as it may be about a fault that has one. leader : the likeliest hypothesis, None
+    before the replays have found one.
     """
 
     number: int | None
@@ -79,7 +82,7 @@ class Suspicion:
 
 
 class Lost(NamedTuple):
-    """A sensor that is no longer used: kind and number of its alarm, the run time at which it was given up."""
+    """A sensor that is no longer used: kind and number of its alarm, the run time since when."""
 
     kind: str
     number: int
@@ -87,10 +90,10 @@ class Lost(NamedTuple):
 
 
 @dataclass(slots=True)
-class Probation:
-    """A pump that has lost gain, watched for being stuck, with the filter of a pump whose flow stays as it is.
+class StuckCheck:
+    """A pump that has lost gain, checked for being stuck, with the filter of a pump whose flow stays as it is.
 
-    pump : 0 or 1. evidence : log-likelihood ratio against the loss. until_s : run time at which the watch ends.
+    pump : 0 or 1. evidence : log-likelihood ratio against the loss. until_s : run time at which the check ends.
     """
 
     pump: int
@@ -106,11 +109,11 @@ class Probation:
 
 @dataclass(slots=True)
 class Rival:
-    """What else it may have been than the drift for which a sensor was given up, with the filters of both.
+    """The alternative to the drift for which a sensor is no longer used, with the filters of both.
 
     number : of the rival hypothesis. suspicion : the drift's, with its alarm's number. sensor : from 0. onset, before :
-    of the rival's jump. own_x, own_P : the drift's filter; both go on with the sensor's readings. lead : of the drift,
-    log-likelihood ratio. until_s : run time at which the drift has proven right.
+    of the rival's jump. own_x, own_P : the drift's filter; both continue with the sensor's readings. lead : of the
+    drift, log-likelihood ratio. until_s : run time at which the drift is accepted.
     """
 
     number: int
@@ -130,13 +133,13 @@ class Rival:
 class Declared:
     """A fault that has been declared.
 
-    size : the jump in the filter's own unit, since the state was sound. number, detected_s : of its alarm. declared_s :
-    when.
+    healthy : the state before any fault. size : the jump since then, in the unit of the state. number, detected_s : of
+    its alarm. declared_s : run time of the verdict.
     """
 
     kind: str
     size: float
-    sound: float
+    healthy: float
     number: int
     detected_s: float
     declared_s: float
@@ -144,7 +147,7 @@ class Declared:
 
 @dataclass(frozen=True, eq=False)
 class Checkpoint:
-    """The filter some steps before a fault that has been declared, to go back to if a sensor turns out to be the fault.
+    """The filter some steps before a fault that has been declared, to return to if a sensor turns out to be the fault.
 
     onset : step at which that fault is thought to have begun. step, x, P : the filter at an earlier one. declared :
     what had been declared until then.
@@ -163,13 +166,13 @@ class Memory:
 
     result : of the last filter step. scale : (4,) by how much the innovations' variance exceeds what the sensors'
     noise explains. best, max_ratio : the bank's answer, by hypothesis, and the greatest ratio of all.
-    declared : by place in JUMPS. scratch : room for trying onsets. usable : whether the filter takes a sensor's
-    readings in. lost : those that it doesn't. agrees : for how many steps a lost sensor has agreed
-    with the filter. noisy : numbers of the alarms of noisy sensors. is_doubtful : whether a sensor that is used repeats
-    itself so often that it may be stuck. surprise : running mean square of the whitened innovations. verdicts_s : run
-    times of the latest verdicts. rival : to the latest drift. checkpoint : from before the latest verdict. unproven :
-    the pump that stood still when the other one failed, and for how long it has been driven since; None when both are
-    known.
+    declared : by place in JUMPS. scratch : replays for trying onsets. usable : whether the filter uses a sensor's
+    readings. lost : the sensors that it does not use. agrees : for how many steps a lost sensor has agreed with the
+    filter. noisy : numbers of the alarms of noisy sensors. is_doubtful : whether a sensor that is used repeats
+    itself so often that it may be stuck. mean_square : running mean square of the whitened innovations. verdicts_s :
+    run times of the latest verdicts. rival : to the latest drift. checkpoint : from before the latest verdict. unproven
+    : the pump that was at rest when the other one failed, and for how long it has been driven since; None when both are
+    known to work.
     """
 
     x: Array
@@ -186,7 +189,7 @@ class Memory:
     scale: Array = field(default_factory=lambda: np.ones(4))
     best: Best = field(default_factory=Best.empty)
     max_ratio: float = 0.0
-    surprise: float = 1.0
+    mean_square: float = 1.0
     usable: list[bool] = field(default_factory=lambda: [True] * 4)
     lost: dict[int, Lost] = field(default_factory=dict)
     agrees: list[int] = field(default_factory=lambda: [0] * 4)
@@ -194,7 +197,7 @@ class Memory:
     is_doubtful: bool = False
     declared: dict[int, Declared] = field(default_factory=dict)
     suspicion: Suspicion | None = None
-    probation: Probation | None = None
+    stuck_check: StuckCheck | None = None
     rival: Rival | None = None
     alarms: int = 0
     verdicts_s: tuple[float, ...] = ()

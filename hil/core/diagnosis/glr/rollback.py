@@ -1,4 +1,4 @@
-"""Back to an earlier step, and through the readings since once more, knowing better."""
+"""Return to an earlier step, and filter the readings since then again with what is known now."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from hil.core.diagnosis.glr.memory import Declared, DetectorConfig, Memory
 from hil.core.diagnosis.glr.replay import RING
 
 SAME_STEPS = 5
-"""A fault that is said to have begun so few steps before its sensor failed, or later, may be the sensor's doing."""
+"""A fault whose onset is at most this many steps before the failure of its sensor may be caused by the sensor."""
 
 
 def go_back(m: Memory, step: int) -> tuple[int, list[tuple[int, Declared]]]:
-    """Put the filter to where it was at a step or before; where that is, and what is no longer declared, by place."""
+    """Set the filter to its state at a step or before; that step, and the faults that are no longer declared."""
     b, checkpoint = m.bank, m.checkpoint
     known = [s for s in range(bank.SLOTS) if b.onset[s] >= 0]
     old_enough = [s for s in known if b.onset[s] <= step]
     if not old_enough and checkpoint is not None and checkpoint.onset >= step - SAME_STEPS:
         m.x[:], m.P[:] = checkpoint.x, checkpoint.P
         withdrawn = [(j, fault) for j, fault in m.declared.items() if j not in checkpoint.declared]
-        m.declared, m.checkpoint, m.probation = dict(checkpoint.declared), None, None
+        m.declared, m.checkpoint, m.stuck_check = dict(checkpoint.declared), None, None
         return checkpoint.step, withdrawn
     slot = max(old_enough, key=lambda s: int(b.onset[s])) if old_enough else min(known, key=lambda s: int(b.onset[s]))
     m.x[:], m.P[:] = m.history.x[slot], m.history.P[slot]
     return int(b.onset[slot]), []
 
 
-def revalue(m: Memory, start: int, sensor: int, variance_V2: float | None) -> None:
-    """Give the readings of a sensor after a step this variance, or take them out (None)."""
+def set_reading_variance(m: Memory, start: int, sensor: int, variance_V2: float | None) -> None:
+    """Set the variance of a sensor's readings after a step, or remove the readings (None)."""
     for step in range(start + 1, m.now + 1):
         entry = m.history.entries[step % RING]
         if variance_V2 is None:
@@ -38,8 +38,8 @@ def revalue(m: Memory, start: int, sensor: int, variance_V2: float | None) -> No
             entry[VARIANCE + sensor] = variance_V2
 
 
-def relive(config: DetectorConfig, m: Memory, start: int, end: int) -> None:
-    """Filter and bank, which stand at step `start`, once more up to `end`."""
+def refilter(config: DetectorConfig, m: Memory, start: int, end: int) -> None:
+    """Run filter and bank, whose state is that at step `start`, again up to `end`."""
     m.restart_bank(start)
     for step in range(start + 1, end + 1):
         entry = m.history.entries[step % RING]

@@ -1,7 +1,8 @@
-"""Sensors that tests of single readings condemn, and their way back."""
+"""Sensors that fail the tests of single readings: they are no longer used, until they agree with the filter again."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import isfinite, nan, sqrt
 from typing import NamedTuple
 
@@ -35,84 +36,90 @@ def examine(config: DetectorConfig, m: Memory, measurement: Measurement) -> list
 
 
 def readmit(config: DetectorConfig, m: Memory, measurement: Measurement) -> list[Alarm]:
-    """Trust a lost sensor again that has agreed with the filter for long enough; the alarms that say so."""
+    """Use a lost sensor again that has agreed with the filter for long enough; the alarms that report it."""
     alarms = []
     gain = config.model.level_gain_V_cm
     for i in list(m.lost):
         expected_V = gain * float(m.x[i])
         std_V = sqrt(max(gain * gain * m.P[i, i], 0.0) + m.entry[VARIANCE + i])
-        is_sound = measurement.valid[i] and measurement.readings > 0 and not m.sensors[i].is_stuck(measurement, i)
-        agrees = is_sound and abs(measurement.level_V[i] - expected_V) < AGREES_STDS * std_V
+        is_valid = measurement.valid[i] and measurement.readings > 0 and not m.sensors[i].is_stuck(measurement, i)
+        agrees = is_valid and abs(measurement.level_V[i] - expected_V) < AGREES_STDS * std_V
         m.agrees[i] = m.agrees[i] + 1 if agrees and not m.sensors[i].is_noisy() else 0
         if m.agrees[i] * m.entry[PERIOD] >= config.tuning.readmit_s:
-            kind, number, _ = m.lost.pop(i)
+            lost = m.lost.pop(i)
             m.usable[i] = True
             m.restart_bank()
-            alarms.append(Alarm(m.t_s, kind, i + 1, nan, nan, m.t_s, m.t_s, (f"{kind} {i + 1}",), number, True))
+            alarms.append(_alarm_now(m, lost.kind, i + 1, nan, lost.number, is_recovery=True))
     return alarms
 
 
 def _fault(config: DetectorConfig, m: Memory, measurement: Measurement, i: int) -> tuple[str, int]:
     """What is wrong with sensor i, and for how many readings it has been."""
-    channel = m.sensors[i]
+    sensor = m.sensors[i]
     if measurement.invalid_run[i] >= OPEN_RUN:
         return "sensor_open", measurement.invalid_run[i]
     is_wet = measurement.level_V[i] > config.empty_V
-    if measurement.readings > 0 and is_wet and channel.is_stuck(measurement, i):
+    if measurement.readings > 0 and is_wet and sensor.is_stuck(measurement, i):
         return "sensor_stuck", measurement.repeats[i] + 1
-    if channel.is_garbage():
-        return "sensor_garbage", channel.noisy_periods * measurement.readings
+    if sensor.is_garbage():
+        return "sensor_garbage", sensor.noisy_periods * measurement.readings
     return "", 0
 
 
 def _noise(config: DetectorConfig, m: Memory, measurement: Measurement, i: int) -> list[Alarm]:
-    """A noisy sensor is still used, for what it is worth; what its first noisy readings led to is taken back."""
-    channel = m.sensors[i]
-    name = f"sensor_noise {i + 1}"
-    if i in m.noisy and channel.is_calm():
+    """Keep using a noisy sensor, with its larger variance; withdraw faults declared from its first noisy readings."""
+    sensor = m.sensors[i]
+    if i in m.noisy and sensor.is_calm():
         number = m.noisy.pop(i)
-        channel.forgive()
-        return [Alarm(m.t_s, "sensor_noise", i + 1, 0.0, nan, m.t_s, m.t_s, (name,), number, True)]
-    if i in m.noisy or not channel.is_noisy():
+        sensor.end_noise()
+        return [_alarm_now(m, "sensor_noise", i + 1, 0.0, number, is_recovery=True)]
+    if i in m.noisy or not sensor.is_noisy():
         return []
-    channel.accept_noise()
-    size_V = sqrt(max(channel.variance_V2 - channel.sound_V2, 0.0))
+    sensor.accept_noise()
+    size_V = sqrt(max(sensor.variance_V2 - sensor.healthy_V2, 0.0))
     back = NOISY_PERIODS + 1
     if _is_recent(m, back):
-        variance_V2 = m.scale[i] * (channel.variance_V2 / measurement.readings + config.tuning.reading_floor_V**2)
+        variance_V2 = m.scale[i] * (sensor.variance_V2 / measurement.readings + config.tuning.reading_floor_V**2)
         _, amended, alarms = _amend(config, m, i, back, float(variance_V2))
     else:
-        amended, alarms = _news(m), []
+        amended, alarms = _new_alarm(m), []
     m.noisy[i] = amended.number
-    alarm = Alarm(amended.detected_s, "sensor_noise", i + 1, size_V, nan, m.t_s, m.t_s, (name,), amended.number)
-    return [*alarms, alarm]
+    alarm = _alarm_now(m, "sensor_noise", i + 1, size_V, amended.number)
+    return [*alarms, replace(alarm, detected_s=amended.detected_s)]
 
 
 def _lose(config: DetectorConfig, m: Memory, i: int, kind: str, back: int) -> list[Alarm]:
-    """Go on without sensor i, and without what it said in the last `back` steps."""
+    """Stop using sensor i, and filter the last `back` steps again without its readings."""
     m.usable[i] = False
     m.agrees[i] = 0
     size = float(m.history.entries[(m.now - 1) % RING][READING + i])
     start, amended, alarms = _amend(config, m, i, back, None)
     m.forget(BIAS + i)
     m.forget(DRIFT + i)
-    m.lost[i] = Lost(kind, amended.number, m.t_s)
-    name = f"{kind} {i + 1}"
-    size = size if isfinite(size) else nan
-    onset_s = m.time_of(start)
-    return [*alarms, Alarm(amended.detected_s, kind, i + 1, size, nan, onset_s, m.t_s, (name,), amended.number)]
+    m.lost[i] = Lost(kind=kind, number=amended.number, since_s=m.t_s)
+    alarm = Alarm(
+        detected_s=amended.detected_s,
+        kind=kind,
+        target=i + 1,
+        size=size if isfinite(size) else nan,
+        onset_s=m.time_of(start),
+        isolated_s=m.t_s,
+        candidates=(f"{kind} {i + 1}",),
+        number=amended.number,
+    )
+    return [*alarms, alarm]
 
 
 class Amended(NamedTuple):
-    """Number and time of the alarm that a sensor's goes on under."""
+    """Number and time of the alarm that a sensor's alarm continues."""
 
     number: int
     detected_s: float
 
 
-def _news(m: Memory) -> Amended:
+def _new_alarm(m: Memory) -> Amended:
     m.alarms += 1
-    return Amended(m.alarms, m.t_s)
+    return Amended(number=m.alarms, detected_s=m.t_s)
 
 
 def _is_recent(m: Memory, back: int) -> bool:
@@ -125,26 +132,44 @@ def _is_recent(m: Memory, back: int) -> bool:
 def _amend(
     config: DetectorConfig, m: Memory, i: int, back: int, variance_V2: float | None
 ) -> tuple[int, Amended, list[Alarm]]:
-    """Go back by some steps and live through them again, with the readings of sensor i for what they were worth.
+    """Filter the last `back` steps again, with the right variance of sensor i's readings.
 
-    A fault that was suspected or declared in that time may be the sensor's doing: it is taken back, and found again if
-    it is real. The sensor's alarm goes on under its number. Returns the step gone back to, that, and what is over.
+    A fault that was suspected or declared in that time may be caused by the sensor: it is withdrawn, and found again if
+    it is real. The sensor's alarm takes over its number. Returns the first of these steps, that number and time, and
+    the alarms that withdraw faults.
     """
     start, withdrawn = rollback.go_back(m, m.now - back)
-    rollback.revalue(m, start, i, variance_V2)
-    rollback.relive(config, m, start, m.now - 1)
+    rollback.set_reading_variance(m, start, i, variance_V2)
+    rollback.refilter(config, m, start, m.now - 1)
     suspicion, m.suspicion = m.suspicion, None
     m.max_ratio = 0.0
     if withdrawn:
         (_, first), *others = withdrawn
-        return start, Amended(first.number, first.detected_s), [_over(m, j, fault) for j, fault in others]
+        return (
+            start,
+            Amended(number=first.number, detected_s=first.detected_s),
+            [_withdrawal(m, j, fault) for j, fault in others],
+        )
     if suspicion is not None and suspicion.number is not None:
-        return start, Amended(suspicion.number, suspicion.detected_s), []
-    return start, _news(m), []
+        return start, Amended(number=suspicion.number, detected_s=suspicion.detected_s), []
+    return start, _new_alarm(m), []
 
 
-def _over(m: Memory, j: int, fault: Declared) -> Alarm:
-    """The alarm that takes a fault back."""
-    target = JUMPS[j].target
-    name = f"{fault.kind} {target}"
-    return Alarm(m.t_s, fault.kind, target, nan, nan, m.t_s, m.t_s, (name,), fault.number, is_recovery=True)
+def _withdrawal(m: Memory, j: int, fault: Declared) -> Alarm:
+    """The alarm that withdraws a fault."""
+    return _alarm_now(m, fault.kind, JUMPS[j].target, nan, fault.number, is_recovery=True)
+
+
+def _alarm_now(m: Memory, kind: str, target: int, size: float, number: int, *, is_recovery: bool = False) -> Alarm:
+    """An alarm whose times are all those of this step."""
+    return Alarm(
+        detected_s=m.t_s,
+        kind=kind,
+        target=target,
+        size=size,
+        onset_s=m.t_s,
+        isolated_s=m.t_s,
+        candidates=(f"{kind} {target}",),
+        number=number,
+        is_recovery=is_recovery,
+    )

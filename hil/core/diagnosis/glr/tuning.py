@@ -1,4 +1,4 @@
-"""The numbers that the diagnosis is tuned by, with what each of them trades."""
+"""The tuning of the diagnosis, with what each number trades."""
 
 from __future__ import annotations
 
@@ -9,42 +9,50 @@ from dataclasses import dataclass
 class Tuning:
     """Thresholds, priors and times.
 
-    detect : log-likelihood ratio that raises an alarm. margin : by how much the likeliest hypothesis must lead.
-    both_lead : both pumps include each single one; by how much they must lead for a single one not to be believed yet.
-    second_pump_std : a single pump is believed once a loss of the other would be known as well as this.
-    least_steps : steps after the onset before anything is settled, since the first holds part of the fault only; a bias
-    that leads by jump_margin is too quick for anything else. least_drift_steps : the same for drifts, which a handful
-    of noisy readings look like.
-    resolve_within_s : after so long the likeliest is taken without the margin. settle_s : no alarm before.
-    overtaken : misfit at which something else must have happened since; the likeliest is taken then, too, if it had
-    explained the readings for least_fit_steps.
+    Detection.
+    detect : log-likelihood ratio that raises an alarm. settle_s : no alarm before this run time.
 
-    parameter_std : how far gains, splits and outlets may be off the rig file's, relative. lag_std : lags, likewise.
-    parameter_walk, level_walk_cm : what they may move by themselves in a control period (standard deviation).
-    reading_floor_V : a mean of readings is never trusted to less: converters have steps. scale_pace : how fast the
-    believed noise follows innovations that are larger than expected. calm : below this ratio it may.
+    Isolation.
+    margin : by how much the likeliest hypothesis must lead.
+    both_lead : a single pump is not declared while both pumps together lead it by this.
+    second_pump_std : a single pump is declared only when the other's gain is known to this standard deviation.
+    min_steps : steps after the onset before a verdict, because the first step has only part of the fault in it.
+    min_drift_steps : the same for a sensor drift, which a few noisy readings resemble.
+    jump_margin : a sensor bias that leads by this needs no min_steps, nothing else is so quick.
+    resolve_within_s : after this time the likeliest hypothesis is taken without the margin.
+    overtaken, min_fit_steps : a misfit at which something else must have happened since the fault; the likeliest
+    hypothesis is then taken without the margin if it had explained the readings for min_fit_steps.
+    drop_margin : a hypothesis this far behind the likeliest is not replayed any further.
+    replay_budget : filter steps of the replays in one control period; the rest waits for the next period.
 
-    size_doubt, prior_doubt : how wrong an isolated size may be for reasons that its variance doesn't know, as shares
-    of itself and of its prior.
-    drop_margin : a hypothesis so far behind the likeliest is replayed no further. sharpen_s : a fault told again within
-    so long is the same one, told better. replay_budget : filter steps of the replays in one control period; what is
-    left waits for the next.
-    rival_s : for so long after a sensor is given up for its drift, a leak or blockage may still turn out to explain it.
-    probation_s : for so long a pump's loss is held against "stuck at some flow". readmit_s : a lost sensor that agrees
-    with the model for so long is trusted again. diverged : mean square of the whitened innovations that nothing
-    explains, over diverged_s; so many verdicts within that time (verdicts_max) explain nothing either.
+    Filter.
+    parameter_std : how far gains, splits and outlets may be off the rig file's, relative. lag_std : the same for lags.
+    parameter_walk, level_walk_cm : standard deviation of their change in a control period.
+    reading_floor_V : smallest standard deviation of a mean of readings: converters have steps.
+    scale_pace : how fast the assumed noise follows innovations that are larger than expected. calm : it follows only
+    while the likelihood ratio is below this.
+
+    After the verdict.
+    size_doubt, prior_doubt : how wrong an isolated size may be for reasons that its variance does not include, as
+    shares of itself and of its prior.
+    sharpen_s : a second verdict on a fault within this time updates the first.
+    rival_s : for this time after a sensor drift is declared, a leak or blockage may still reverse the verdict.
+    stuck_check_s : for this time a pump that has lost gain is checked for being stuck at some flow.
+    readmit_s : a lost sensor that agrees with the filter for this time is used again.
+    diverged, diverged_s : mean square of the whitened innovations, over this time, that no fault explains.
+    verdicts_max : as many verdicts within diverged_s also mean divergence.
     """
 
     detect: float = 20.0
     margin: float = 5.0
     both_lead: float = 3.0
     second_pump_std: float = 0.04
-    least_steps: int = 2
-    least_drift_steps: int = 8
+    min_steps: int = 2
+    min_drift_steps: int = 8
     jump_margin: float = 50.0
     resolve_within_s: float = 18.0
     overtaken: float = 40.0
-    least_fit_steps: int = 10
+    min_fit_steps: int = 10
     settle_s: float = 1.0
 
     parameter_std: float = 0.03
@@ -61,7 +69,7 @@ class Tuning:
     sharpen_s: float = 3.0
     rival_s: float = 40.0
     replay_budget: int = 600
-    probation_s: float = 10.0
+    stuck_check_s: float = 10.0
     readmit_s: float = 5.0
     diverged: float = 6.0
     diverged_s: float = 10.0
