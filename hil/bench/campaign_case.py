@@ -26,7 +26,7 @@ from hil.edge.can.pair_bus import pair
 from hil.edge.config.rig_file import load_rig
 from hil.edge.config.scenario_file import Scenario
 from hil.edge.config.settings_file import SettingsError, validated
-from hil.edge.record.run_folder import Window
+from hil.edge.record.run_folder import Window, write_atomically
 from hil.wire.contract import Contract
 
 REST_NS = 500_000_000
@@ -95,7 +95,7 @@ def _bench(case: Case, config_dir: Path, where: str) -> Bench:
 def _emulator_settings(case: Case, config_dir: Path, where: str) -> tuple[EmulatorSettings, tuple[Fault, ...]]:
     """The emulator reads files; it gets one."""
     file = _scratch() / "case.toml"
-    file.write_text(toml_text(case.scenario_data), encoding="utf-8")
+    write_atomically(file, toml_text(case.scenario_data))
     try:
         return emulator_settings.load(config_dir / "emulator.toml", file)
     except emulator_settings.SettingsError as error:

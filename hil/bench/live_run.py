@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import partial
 
 from hil import runtime
 from hil.bench.assembly import Bench, Watcher, controller_config, make_loop, run_plan
 from hil.bench.live_warnings import live_warnings
 from hil.bench.open_record import open_record
-from hil.bench.run_options import RunOptions, RunRecord, timeline_settings
+from hil.bench.run_options import RunOptions, timeline_settings
+from hil.bench.run_record import RunRecord, figures_of, removed_if_not_opened
 from hil.core.types import Event, Severity
 from hil.edge.can.bus import BusAddress, BusPort
 from hil.edge.host import realtime
@@ -20,13 +21,17 @@ from hil.edge.host.realtime import RealTime
 from hil.edge.record.recorder_process import ProcessRecorder
 from hil.edge.record.run_folder import RunFolder
 from hil.loop import Outcome
-from hil.review import kpi
+from hil.review.kpi import Kpi
 
 
 def run_live(
     bench: Bench, options: RunOptions, address: BusAddress, on_tick: Watcher | None = None
-) -> tuple[kpi.Kpi, Outcome]:
-    """One run in real time; raises SettingsError, RunFolderError, BusError before anything moves."""
+) -> tuple[Kpi, Outcome]:
+    """One run in real time.
+
+    Raises SettingsError, RunFolderError, BusError before any pump moves; IncompleteRecordError when the run has ended
+    but has no key figures.
+    """
     config = controller_config(bench, options.duration_s)
     clock = MonotonicClock()
     with ExitStack() as stack:
@@ -35,11 +40,11 @@ def run_live(
         stack.callback(port.close)
         folder = RunFolder.create(options.out, run_plan(bench, is_live=True, seed=None))
         timeline = timeline_settings(bench, config, options)
-        recorder.open(folder, partial(open_record, folder, timeline, options.realtime is not None))
+        with removed_if_not_opened(folder):
+            recorder.open(folder, partial(open_record, folder, timeline, options.realtime is not None))
         record = stack.enter_context(RunRecord(recorder, port))
         for warning in live_warnings(bench):
-            sys.stderr.write(f"hil: {warning.text}\n")
-            recorder.event(0.0, warning)
+            _warn(warning, recorder)
         loop = make_loop(
             bench, config, port, recorder, clear_trip=options.clear_trip, on_tick=on_tick, clock_ns=clock.now_ns
         )
@@ -48,13 +53,19 @@ def run_live(
         record.outcome = runtime.run(
             loop, port, clock, config.loop.period_s, lambda: stop.received.name if stop.received else "", *asked
         )
-    return kpi.compute(folder), record.outcome
+    return figures_of(folder, recorder, record.outcome), record.outcome
 
 
 def _real_time(stack: ExitStack, wanted: RealTime, recorder: ProcessRecorder) -> Callable[[], None]:
     """What the system grants of it, for this thread; what it doesn't is in the record and on the terminal."""
     applied = stack.enter_context(realtime.applied(wanted))
     for refusal in applied.refusals:
-        sys.stderr.write(f"hil: {refusal}\n")
-        recorder.event(0.0, Event(Severity.WARNING, "realtime", refusal))
+        _warn(Event(Severity.WARNING, "realtime", refusal), recorder)
     return applied.housekeeping
+
+
+def _warn(event: Event, recorder: ProcessRecorder) -> None:
+    """Show and record it. Standard error that can't be written to is no reason to end the run."""
+    with suppress(OSError):
+        sys.stderr.write(f"hil: {event.text}\n")
+    recorder.event(0.0, event)

@@ -13,7 +13,7 @@ from hil import lockstep
 from hil.bench.assembly import Bench, controller_config, make_loop, run_plan
 from hil.bench.emulator_twin import emulator_of
 from hil.bench.results import RunResult
-from hil.bench.run_options import RunRecord
+from hil.bench.run_record import RunRecord
 from hil.core.types import Event, Quad, TickRecord
 from hil.edge.can.bus import BusPort
 from hil.edge.can.pair_bus import pair

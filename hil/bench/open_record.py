@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import threading
 from dataclasses import dataclass
 from queue import SimpleQueue
 
 from hil.core.types import Event
+from hil.edge.host.standard_output import GuardedOutput
 from hil.edge.record.recorder import Recorder
-from hil.edge.record.run_folder import RunFolder
+from hil.edge.record.run_folder import RunFolder, RunFolderError
 
 MAX_WAITING_LINES = 1000
 """Lines."""
@@ -24,31 +26,33 @@ class TimelineSettings:
 
 
 class EventLines:
-    """Events as lines on the terminal, by a thread of their own: one that takes nothing holds up nothing else."""
+    """Events as lines on the terminal, by a thread of their own: a terminal that blocks or fails delays nothing."""
 
     def __init__(self) -> None:
         self._lines: SimpleQueue[str] = SimpleQueue()
         threading.Thread(target=self._work, name="event lines", daemon=True).start()
 
     def put(self, event: Event) -> None:
-        """One event; those that find a thousand waiting are not shown."""
+        """Show one event; it is left out when `MAX_WAITING_LINES` wait already."""
         if self._lines.qsize() < MAX_WAITING_LINES:
             self._lines.put(f"{event.severity.value:5} {event.text}\n")
 
     def _work(self) -> None:
-        while True:
-            sys.stdout.write(self._lines.get())
-            sys.stdout.flush()
+        output = GuardedOutput(sys.stdout)
+        while output.error is None:
+            output.write(self._lines.get())
+            output.flush()
 
 
 def open_record(folder: RunFolder, timeline: TimelineSettings | None, with_lines: bool = False) -> Recorder:
     """The recorder into the folder's files. Raises RunFolderError.
 
-    timeline : None without run.rrd. with_lines : whether events are shown on the terminal, too.
+    timeline : None without run.rrd. with_lines : whether events are also shown on the terminal.
     """
     on_event = EventLines().put if with_lines else None
     if timeline is None:
         return Recorder.open(folder, on_event=on_event)
+    os.environ.setdefault("RUST_LOG", "off")  # Rerun's messages; the end of the run says in one line what failed
     from hil.edge.record.rerun_log import RerunLog, RunCard
     from hil.review.blueprint import blueprint
 
@@ -57,13 +61,16 @@ def open_record(folder: RunFolder, timeline: TimelineSettings | None, with_lines
     facts = {"scenario": manifest.plan.scenario, "mode": mode, "started": manifest.started_utc}
     text = "\n".join(f"- **{name}**: {value}" for name, value in facts.items())
     card = RunCard(folder.path.name, facts, f"# {manifest.plan.scenario}\n\n{text}\n")
-    log = RerunLog(
-        folder.rrd_path,
-        card,
-        level_gain_V_cm=timeline.level_gain_V_cm,
-        mode=mode,
-        blueprint=blueprint(mode, timeline.duration_s),
-        batch_ticks=6000 if is_live else 250,
-        compact_at_close=is_live,
-    )
+    try:
+        log = RerunLog(
+            folder.rrd_path,
+            card,
+            level_gain_V_cm=timeline.level_gain_V_cm,
+            mode=mode,
+            blueprint=blueprint(mode, timeline.duration_s),
+            batch_ticks=6000 if is_live else 250,
+            compact_at_close=is_live,
+        )
+    except Exception as error:  # whatever the viewer's library raises for a file that it can't write
+        raise RunFolderError(f"{folder.rrd_path} can't be written: {error}") from error
     return Recorder.open(folder, timeline=log, on_event=on_event)

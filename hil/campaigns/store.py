@@ -11,13 +11,14 @@ import os
 import typing
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
+from io import BytesIO
 from pathlib import Path
 from typing import Any, get_type_hints
 
 from hil.campaigns.cases import Case
 from hil.campaigns.row import Row
 from hil.campaigns.toml_text import toml_text
-from hil.edge.record.run_folder import RunFolderError, write_atomically
+from hil.edge.record.run_folder import IncompleteRecordError, RunFolderError, write_atomically, writing
 
 ARROW_TYPES = {str: "string", int: "int64", float: "float64", bool: "bool_"}
 
@@ -47,6 +48,8 @@ class Store:
         except (OSError, ValueError, AttributeError) as error:
             reason = error.strerror if isinstance(error, OSError) else error
             raise RunFolderError(f"{path} can't be a campaign's folder: {reason}") from None
+        except IncompleteRecordError as error:
+            raise RunFolderError(str(error)) from None  # no run has been started
         return store
 
     @property
@@ -70,11 +73,14 @@ class Store:
         return self.path / "report.html"
 
     def add(self, row: Row) -> None:
-        """Append a row and bring it to the system, so that a kill can't take it back."""
+        """Append a row and hand it to the system, so that a kill can't take it back.
+
+        Raises IncompleteRecordError; the rows before it stay, and a restart goes on behind them.
+        """
         line = json.dumps(asdict(row), ensure_ascii=False) + "\n"
-        with self.rows_path.open("a+b") as file:
-            if file.tell() and not self._ends_whole():
-                file.write(b"\n")  # behind what a kill left unfinished
+        with writing(self.rows_path), self.rows_path.open("a+b") as file:
+            if file.tell() and not self._ends_with_newline():
+                file.write(b"\n")  # ends the line that a kill or a full disk left unfinished
             file.write(line.encode("utf-8"))
 
     def rows(self) -> dict[str, Row]:
@@ -97,9 +103,9 @@ class Store:
         import pyarrow.parquet as pq
 
         table = pa.Table.from_pylist([asdict(row) for row in rows], schema=schema())
-        temporary = self.table_path.with_name(f".{self.table_path.name}.tmp")
-        pq.write_table(table, temporary, compression="zstd")
-        temporary.replace(self.table_path)
+        content = BytesIO()
+        pq.write_table(table, content, compression="zstd")
+        write_atomically(self.table_path, content.getvalue())
         return self.table_path
 
     def keep_scenarios(self, cases: Iterable[Case], keys: frozenset[str]) -> Path:
@@ -107,11 +113,12 @@ class Store:
         folder = self.path / "cases"
         for case in cases:
             if case.key in keys:
-                folder.mkdir(exist_ok=True)
+                with writing(folder):
+                    folder.mkdir(exist_ok=True)
                 write_atomically(folder / f"{case.key}.toml", toml_text(case.scenario_data))
         return folder
 
-    def _ends_whole(self) -> bool:
+    def _ends_with_newline(self) -> bool:
         with self.rows_path.open("rb") as file:
             file.seek(-1, os.SEEK_END)
             return file.read(1) == b"\n"

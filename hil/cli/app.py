@@ -11,6 +11,8 @@ import typer
 
 from hil.cli import exit_codes
 from hil.cli.commands import campaign, conformance, demo, design, doctor, report, run, simulate, view
+from hil.cli.complaint import complain
+from hil.edge.host.standard_output import GuardedOutput
 from hil.version import __version__
 
 COMMANDS: tuple[ModuleType, ...] = (simulate, run, doctor, conformance, campaign, demo, design, view, report)
@@ -23,7 +25,10 @@ app = typer.Typer(
         "Fault-tolerant control of the four-tank laboratory process over CAN. "
         "`hil COMMAND --help` explains a command."
     ),
-    epilog="Exit codes: 0 done, 2 bad input (nothing moved), 3 tripped, 4 not ready or failed, 130 and 143 by signal.",
+    epilog=(
+        "Exit codes: 0 done, 2 bad input (nothing moved), 3 tripped, 4 not ready or failed, "
+        "5 done, but record or output incomplete, 130 and 143 by signal."
+    ),
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode="rich",
@@ -46,26 +51,40 @@ for _module in COMMANDS:
 
 def main() -> None:
     """Entry point of the console script: turns errors the user can fix into one line."""
+    output = GuardedOutput.install()
+    try:
+        code = _command()
+    finally:
+        if output is not None:
+            output.flush()
+            output.remove()
+    if code == 0 and output is not None and output.error is not None:
+        code = complain(f"standard output: {output.error.strerror}", exit_codes.INCOMPLETE)
+    sys.exit(code)
+
+
+def _command() -> int:
+    """Run the command and return the exit code. An error that the user can fix is one line on standard error."""
     try:
         code = app(standalone_mode=False, prog_name="hil")
     except typer.TyperException as error:  # a wrong option or argument
-        code = _complain(str(getattr(error, "format_message", error.__str__)()))
+        return complain(str(getattr(error, "format_message", error.__str__)()), exit_codes.BAD_INPUT)
     except (typer.Abort, KeyboardInterrupt):
-        _complain("interrupted")
-        code = exit_codes.BY_SIGNAL["SIGINT"]
+        return complain("interrupted", exit_codes.BY_SIGNAL["SIGINT"])
     except Exception as error:
         from hil.bench.user_errors import USER_ERRORS  # only now: it brings in all that can raise them
 
         if not isinstance(error, USER_ERRORS):
             raise
-        code = _complain(str(error))
-    sys.exit(code if isinstance(code, int) else 0)
+        return complain(str(error), _exit_code(error))
+    return code if isinstance(code, int) else 0
 
 
-def _complain(what: str) -> int:
-    line = " ".join(what.split())
-    if line:  # nothing is left to say when the help was shown instead
-        print(f"hil: {line}", file=sys.stderr)  # noqa: T201 - plain text, never reflowed
+def _exit_code(error: Exception) -> int:
+    from hil.edge.record.run_folder import IncompleteRecordError
+
+    if isinstance(error, IncompleteRecordError):
+        return exit_codes.of_run(error.status, error.reason, is_incomplete=True)
     return exit_codes.BAD_INPUT
 
 

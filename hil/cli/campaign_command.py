@@ -11,9 +11,7 @@ from hil.bench import campaign_pool, campaign_run
 from hil.bench.campaign_run import CampaignOptions, PreparedCampaign
 from hil.campaigns.row import Row
 from hil.campaigns.store import Store
-from hil.cli import campaign_tables
-
-EXIT_BROKEN = 3
+from hil.cli import campaign_tables, exit_codes
 
 
 def run(console: Console, campaign: str | Path, options: CampaignOptions) -> int:
@@ -29,7 +27,7 @@ def run(console: Console, campaign: str | Path, options: CampaignOptions) -> int
     campaign_tables.show(console, rows)
     for file in campaign_run.write_results(prepared, store, rows, report=options.report):
         console.print(str(file), highlight=False, soft_wrap=True)
-    return EXIT_BROKEN if any(row.breaks for row in rows) else 0
+    return exit_codes.BROKEN_INVARIANT if any(row.breaks for row in rows) else 0
 
 
 def _missing(campaign: PreparedCampaign, store: Store) -> list[str]:

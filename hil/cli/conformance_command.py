@@ -15,6 +15,7 @@ from hil.conformance.suite import Plan, conforms, run_suite
 from hil.edge.can.bus import BusAddress, BusPort
 from hil.edge.config.settings_file import SettingsError
 from hil.edge.host.clock import MonotonicClock, StopSignal
+from hil.edge.record.run_folder import write_atomically
 from hil.probe.bus_probe import Probe
 from hil.probe.result import Result
 from hil.version import __version__
@@ -83,4 +84,4 @@ def _write(
         "with_pumps": options.with_pumps,
         "results": [asdict(result) for result in results],
     }
-    file.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+    write_atomically(file, json.dumps(report, indent=2) + "\n")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from hil.core.eigenstructure import ComplexArray, augment
 from hil.core.tanks import LinearModel
 from hil.edge.config.rig_file import load_rig
 from hil.edge.config.settings_file import SettingsError, default_config_dir
+from hil.edge.record.run_folder import write_atomically
 
 
 def run(console: Console, config_dir: Path | None, out: Path | None) -> None:
@@ -133,5 +135,7 @@ def _figures(out: Path, linear: LinearModel, designs: Sequence[DesignFigures]) -
     to_y.legend()
     paths = [out / "step.svg", out / "sigma.svg"]
     for figure, path in zip((steps, sigma), paths, strict=True):
-        figure.savefig(path, metadata={"Date": None})
+        svg = BytesIO()
+        figure.savefig(svg, format="svg", metadata={"Date": None})
+        write_atomically(path, svg.getvalue())
     return paths

@@ -1,7 +1,23 @@
-"""How `hil` ends, as a shell sees it."""
+"""Exit codes of `hil`. They are documented in its help and in docs/operating.md; scripts rely on them.
+
+    0    done                          3  tripped; campaign: an invariant was broken
+    2    bad input, nothing moved      4  not ready, or failed
+    5    done, but a file of the record or standard output can't be written completely; the line says which
+    129, 130, 143  stopped by SIGHUP, SIGINT, SIGTERM
+
+A run that did not end well keeps its code when its record is incomplete, too: the line says both.
+"""
 
 from __future__ import annotations
 
 BAD_INPUT = 2
+BROKEN_INVARIANT = 3
+INCOMPLETE = 5
 BY_STATUS = {"complete": 0, "stopped": 0, "tripped": 3, "failed": 4}
 BY_SIGNAL = {"SIGHUP": 129, "SIGINT": 130, "SIGTERM": 143}
+
+
+def of_run(status: str, reason: str, *, is_incomplete: bool = False) -> int:
+    """Of a run that ended so. reason : the name of a signal first, where one stopped the run."""
+    code = BY_SIGNAL.get(reason.partition(";")[0], BY_STATUS[status])
+    return code or (INCOMPLETE if is_incomplete else 0)

@@ -15,6 +15,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from hil.bench.assembly import Bench
+from hil.bench.run_record import check_complete
 from hil.core.controller import Output
 from hil.core.types import Inputs, Mode
 from hil.edge.record.run_folder import RunFolder
@@ -123,7 +124,7 @@ def status_table(inputs: Inputs, output: Output, mode: Mode) -> Table:
 
 
 def finish(console: Console, folder: Path, figures: Kpi, *, with_report: bool) -> None:
-    """The key figures, and where everything is."""
+    """The key figures, and where everything is. Raises IncompleteRecordError at the end when the record has gaps."""
     run = RunFolder.open(folder)
     if with_report:
         from hil.review.run_report import write_report
@@ -147,3 +148,4 @@ def finish(console: Console, folder: Path, figures: Kpi, *, with_report: bool) -
     files = [path for path in (run.report_path, run.rrd_path) if path.exists()]
     for path in [folder / "kpi.json", *files]:
         console.print(str(path), highlight=False, soft_wrap=True)
+    check_complete(run, figures)

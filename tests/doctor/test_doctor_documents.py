@@ -15,7 +15,7 @@ import firmware_sim.cli
 from firmware_sim.frames import COUNTER_STEP_MAX, parse_command
 from firmware_sim.frames import Rejection as NodeRejection
 from firmware_sim.pump_node import PumpNode
-from hil.cli import campaign_command, exit_codes, result_table
+from hil.cli import exit_codes, result_table
 from hil.conformance import suite
 from hil.core.interlocks import INTERLOCKS
 from hil.core.types import TripCause
@@ -99,7 +99,7 @@ def test_every_event_code_is_explained_once() -> None:
 
 def test_every_exit_code_is_explained_once() -> None:
     explained = [(plain(row[0]), int(row[1])) for row in rows_of("how-to/operating.md", "program")]
-    of_hil = {0, exit_codes.BAD_INPUT, campaign_command.EXIT_BROKEN, result_table.EXIT_FAILED}
+    of_hil = {0, exit_codes.BAD_INPUT, exit_codes.BROKEN_INVARIANT, exit_codes.INCOMPLETE, result_table.EXIT_FAILED}
     of_hil |= {*exit_codes.BY_STATUS.values(), *exit_codes.BY_SIGNAL.values()}
     of_emulator = {0, firmware_sim.cli.FAILED, firmware_sim.cli.BAD_INPUT}
     assert len(explained) == len(set(explained))

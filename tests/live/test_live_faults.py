@@ -1,5 +1,6 @@
 """What happens when one of the two processes is killed, stopped or told to end in the midst of a run."""
 
+import re
 import resource
 import signal
 import socket
@@ -13,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from firmware_sim.frames import parse_command
+from hil.cli.exit_codes import INCOMPLETE
 from hil.edge.record.run_folder import RunFolder
 from hil.review.ticks import read
 from tests.live.live_bench import (
@@ -232,7 +234,10 @@ def test_case_24_adapter_unplugged_and_plugged_again(tmp_path: Path) -> None:
 
 
 def test_case_52_disk_full_in_the_run(tmp_path: Path) -> None:
-    """No file may grow any more: control goes on, the event is there within two flushes, run.json keeps it."""
+    """No file may grow any more: control goes on, the event is there within two flushes, run.json keeps it.
+
+    The pumps are off, confirmed, before the record is closed; one line and exit code 5 say that it is incomplete.
+    """
     scenario, room = write_scenario(tmp_path, duration=8.0), 20_000
     with (
         emulator(tmp_path / "node.jsonl") as rig,
@@ -241,8 +246,10 @@ def test_case_52_disk_full_in_the_run(tmp_path: Path) -> None:
         wait_for(lambda: (tmp_path / "run/events.jsonl").exists(), 40.0)
         recorder = Path(f"/proc/{run.process.pid}/task/{run.process.pid}/children").read_text()
         resource.prlimit(int(recorder), resource.RLIMIT_FSIZE, (room, room))
-        assert run.wait(40.0) == 0, (run.out, run.err)
-        commands = rig.commanded()
+        assert run.wait(40.0) == INCOMPLETE, (run.out, run.err)
+        commands, last = rig.commanded(), rig.pump()[-1]
+    assert (last["state"], last["applied_V"], last["cause"]) == ("ready", OFF, "disabled")
+    assert re.fullmatch(rf"hil: {run.folder}: the record is incomplete: can\.log[^\n]+\n", run.err), run.err
     gaps = [b["t_s"] - a["t_s"] for a, b in pairwise(commands)]
     assert commands[-1]["t_s"] - commands[0]["t_s"] > 7.0
     assert max(gaps) < LEVELS_AGE_MAX_S, "control is unaffected"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from hil.cli.exit_codes import INCOMPLETE
 from hil.edge.record.run_folder import RunFolder
 from hil.review.ticks import read
 from tests.live.live_bench import (
@@ -49,10 +50,14 @@ def test_a_recorder_that_is_killed_does_not_stop_the_run(tmp_path: Path) -> None
         rig.wait_until_it_runs(changes=15)
         recorder = Path(f"/proc/{run.process.pid}/task/{run.process.pid}/children").read_text()
         os.kill(int(recorder), signal.SIGKILL)
-        assert run.wait(40.0) == 0, (run.out, run.err)
+        assert run.wait(40.0) == INCOMPLETE, (run.out, run.err)
         last = rig.pump()[-1]
     assert (last["state"], last["applied_V"], last["cause"]) == ("ready", [0.0, 0.0], "disabled")
     assert rig.pump()[-1]["t_s"] > 4.0
+    assert run.err == (
+        f"hil: {run.folder}: the record is incomplete: {run.json('run.json')['recorder']['errors'][0]} (and 1 more); "
+        "the run: complete, duration over\n"
+    )
     manifest = run.json("run.json")
     assert manifest["status"] == "complete"
     assert "the recorder is lost" in manifest["recorder"]["errors"][0]

@@ -208,7 +208,7 @@ def test_a_broken_timeline_is_given_up_and_the_files_go_on(folder: RunFolder) ->
         recorder.tick(record)
     recorder.close("complete", "")
     assert recorder.health().errors == (
-        f"the timeline is lost from here on: viewer library is broken, {len(recorded('lockstep'))} values lost",
+        f"run.rrd is lost from here on: viewer library is broken, {len(recorded('lockstep'))} values lost",
     )
     assert len(read_ticks(folder.ticks_path)) == 10
 

@@ -9,7 +9,7 @@ from typing import Annotated, Optional
 import typer
 from rich.console import Console
 
-from hil.cli.interrupted import interrupted
+from hil.cli.complaint import interrupted
 from hil.cli.options import Bitrate, Channel, ConfigDir, Interface, WithPumps
 
 EXAMPLE = "hil conformance --node pump --json pump.json"

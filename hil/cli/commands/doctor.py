@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from hil.cli.interrupted import interrupted
+from hil.cli.complaint import interrupted
 from hil.cli.options import Bitrate, Channel, ConfigDir, Interface, WithPumps
 
 EXAMPLE = "hil doctor -i slcan -c /dev/ttyACM0"

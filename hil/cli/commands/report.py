@@ -27,7 +27,9 @@ def report(
     try:
         for one in (first, second):
             if one is not None:
-                kpi.compute(one)
+                figures = kpi.compute(one)
+                if figures.status == "interrupted":
+                    typer.echo(f"{one.path}: unfinished: run.json does not say how the run ended")
         typer.echo(write_report(first, second))
     except (OSError, UnicodeDecodeError) as error:
         raise RunFolderError(f"no report of {folder} can be made: {error}") from None

@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 
 from hil.cli import exit_codes
+from hil.cli.complaint import interruptible
 from hil.cli.options import (
     Bitrate,
     Channel,
@@ -62,7 +63,7 @@ def run(
     folder = out or run_options.default_folder(bench.scenario.scenario.name, datetime.now())
     options = run_options.RunOptions(folder, duration_s=duration, rerun=rerun, clear_trip=clear_trip, realtime=wanted)
     console = Console()
-    with run_display.live_status(console, with_table=not realtime) as watch:
+    with interruptible(), run_display.live_status(console, with_table=not realtime) as watch:
         figures, outcome = live_run.run_live(bench, options, address, watch)
     run_display.finish(console, folder, figures, with_report=report)
-    raise typer.Exit(exit_codes.BY_SIGNAL.get(outcome.reason.partition(";")[0], exit_codes.BY_STATUS[outcome.status]))
+    raise typer.Exit(exit_codes.of_run(outcome.status, outcome.reason))

@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 
 from hil.cli import exit_codes
+from hil.cli.complaint import interruptible
 from hil.cli.options import ConfigDir, Duration, OutDir, ReportChoice, RerunChoice, ScenarioFile
 
 EXAMPLE = "hil simulate paper --seed 3 --out runs/first"
@@ -31,7 +32,7 @@ def simulate(
     folder = out or run_options.default_folder(bench.scenario.scenario.name, datetime.now())
     options = run_options.RunOptions(folder, seed, duration, rerun)
     console = Console()
-    with run_display.progress(console, bench, duration) as advance:
+    with interruptible(), run_display.progress(console, bench, duration) as advance:
         figures = lockstep_run.simulate(bench, options, advance)
     run_display.finish(console, folder, figures, with_report=report)
-    raise typer.Exit(exit_codes.BY_STATUS[figures.status])
+    raise typer.Exit(exit_codes.of_run(figures.status, figures.reason))

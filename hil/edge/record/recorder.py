@@ -9,7 +9,7 @@ error of theirs reaches the loop. `health()` reports it at once, and `events.jso
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from math import nan
 from typing import TYPE_CHECKING, Protocol, TextIO
@@ -75,10 +75,12 @@ class _Sink:
                 self._give_up(error)
 
     def close(self) -> None:
-        self.flush()
         if self._is_open:
-            self._is_open = False
-            self._file.close()
+            try:
+                self._file.close()
+                self._is_open = False
+            except (OSError, ValueError) as error:
+                self._give_up(error)
 
     def _give_up(self, error: Exception) -> None:
         self._is_open = False
@@ -135,13 +137,19 @@ class Recorder:
         timeline: Timeline | None = None,
         on_event: Callable[[Event], None] | None = None,
     ) -> Recorder:
-        """A recorder into the folder's files. channel : the bus's name in can.log. Raises RunFolderError."""
+        """A recorder into the folder's files. channel : the bus's name in can.log.
+
+        Raises RunFolderError when a file can't be opened, or does not even take its first line.
+        """
         paths = (folder.ticks_path, folder.can_log_path, folder.sent_log_path, folder.events_path)
-        try:
-            ticks, frames, sent, events = (path.open("x", encoding="utf-8", newline="\n") for path in paths)
-        except OSError as error:
-            raise RunFolderError(f"cannot open the record in {folder.path}: {error.strerror}") from error
-        return cls(
+        with ExitStack() as opened:
+            try:
+                files = [opened.enter_context(path.open("x", encoding="utf-8", newline="\n")) for path in paths]
+            except OSError as error:
+                raise RunFolderError(f"cannot open the record in {folder.path}: {error.strerror}") from error
+            opened.pop_all()
+        ticks, frames, sent, events = files
+        recorder = cls(
             folder,
             ticks=ticks,
             frames=frames,
@@ -151,6 +159,10 @@ class Recorder:
             timeline=timeline,
             on_event=on_event,
         )
+        if not recorder.health().is_ok:
+            recorder.abandon()
+            raise RunFolderError(f"cannot open the record in {folder.path}: {recorder.health().errors[0]}")
+        return recorder
 
     def tick(self, record: TickRecord, true_level_cm: Quad | None = None, queue: int = 0) -> None:
         """Write one step and its events.
@@ -240,7 +252,7 @@ class Recorder:
             call(*arguments)
         except Exception as error:  # noqa: BLE001 - whatever the viewer's library raises must not stop the loop
             self._timeline = None
-            self.note_failure(f"the timeline is lost from here on: {error}")
+            self.note_failure(f"{self._folder.rrd_path.name} is lost from here on: {error}")
 
     def note_failure(self, text: str) -> None:
         """Note a failure of the record itself: for `health`, run.json and as an event."""

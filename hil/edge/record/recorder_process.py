@@ -323,4 +323,5 @@ def main(descriptor: int) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(int(sys.argv[1])))
+    # All files are closed. An orderly exit of the interpreter would still wait for a blocked terminal.
+    os._exit(main(int(sys.argv[1])))

@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -29,6 +30,8 @@ from hil.edge.record.signals import Signal, recorded
 TIMELINE = "run_time"
 _NONE = "none"
 FLUSH_TIMEOUT_S = 2.0
+CALL_TIMEOUT_S = 5.0
+"""For each call of Rerun that reaches its file: one that meets a full disk may wait for ever."""
 HEALTHY_FROM, DEAD_BELOW = 0.995, 0.05  # effectiveness
 
 # Backgrounds of the states, under white text.
@@ -98,8 +101,7 @@ class RerunLog:
         self._state_now: dict[str, str] = {}
         self._state_key: tuple[float, float, float] | None = None
         self._recording = rr.RecordingStream("fourtank-hil", recording_id=card.recording_id)
-        self._recording.save(path, default_blueprint=blueprint)
-        self._log_static(card)
+        _within(CALL_TIMEOUT_S, lambda: self._open(card, blueprint))
 
     def tick(self, row: Row) -> None:
         """Take one step; see `hil.edge.record.recorder.Timeline`."""
@@ -109,7 +111,7 @@ class RerunLog:
         self._table[self._filled] = row
         self._filled += 1
         if self._filled == len(self._table):
-            self._send()
+            _within(CALL_TIMEOUT_S, self._send)
 
     def event(self, t_s: float, event: Event) -> None:
         """Take one event: a line of the log; alarms and trips become states, too."""
@@ -138,15 +140,28 @@ class RerunLog:
 
     def flush(self) -> None:
         """Send what was gathered and see it on its way to the disk; raises when the disk does not take it."""
-        self._send()
-        self._recording.flush(timeout_sec=FLUSH_TIMEOUT_S)
+        _within(CALL_TIMEOUT_S, self._send_and_flush)
 
     def close(self) -> None:
         """Send the rest and finalise the file."""
-        self.flush()
-        self._recording.disconnect()
+        _within(CALL_TIMEOUT_S, self._finalise)
         if self._compact_at_close:
             compact(self._path)
+
+    def _open(self, card: RunCard, blueprint: rrb.Blueprint | None) -> None:
+        self._recording.save(self._path, default_blueprint=blueprint)
+        self._log_static(card)
+        self._recording.flush(timeout_sec=FLUSH_TIMEOUT_S)
+
+    def _send_and_flush(self) -> None:
+        self._send()
+        self._recording.flush(timeout_sec=FLUSH_TIMEOUT_S)
+
+    def _finalise(self) -> None:
+        try:
+            self._send_and_flush()
+        finally:
+            self._recording.disconnect()
 
     def _log_static(self, card: RunCard) -> None:
         for one in self._series:
@@ -212,6 +227,30 @@ def _pump_state(effectiveness: float) -> str:
     if effectiveness >= HEALTHY_FROM:
         return "nominal"
     return "dead" if effectiveness < DEAD_BELOW else "reduced"
+
+
+def _within(timeout_s: float, call: Callable[[], None]) -> None:
+    """Make the call in a thread of its own. Raises TimeoutError when it takes too long; the thread is then abandoned.
+
+    Rerun hands what it gets to a thread that writes; where that one has ended by a full disk, its caller may never
+    return.
+    """
+    errors: list[BaseException] = []
+
+    def work() -> None:
+        try:
+            call()
+        except BaseException as error:  # noqa: BLE001 - raised again by the caller's thread
+            errors.append(error)
+
+    thread = threading.Thread(target=work, name="rerun", daemon=True)
+    thread.start()
+    thread.join(timeout_s)
+    if thread.is_alive():
+        rr.unregister_shutdown()  # it would wait for the same writer when the program ends
+        raise TimeoutError(f"Rerun has not answered for {timeout_s:g} s (is the disk full?)")
+    if errors:
+        raise errors[0]
 
 
 def _times(times_s: Floats) -> rr.TimeColumn:

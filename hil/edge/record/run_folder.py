@@ -15,8 +15,10 @@ from __future__ import annotations
 import json
 import os
 import platform
+import shutil
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from importlib import metadata
@@ -37,6 +39,16 @@ LIBRARIES = ("numpy", "python-can", "rerun-sdk")
 
 class RunFolderError(HilError):
     """A run folder cannot be made, read or understood."""
+
+
+class IncompleteRecordError(RunFolderError):
+    """Something was done, but what came of it can't be written completely; the message names the file and the cause.
+
+    status, reason : of the run, when one has ended.
+    """
+
+    status: str = "complete"
+    reason: str = ""
 
 
 class RunFolderExistsError(RunFolderError, FileExistsError):
@@ -162,9 +174,14 @@ class RunFolder:
         except OSError as error:
             raise RunFolderError(f"cannot make the run folder {path}: {error.strerror}") from error
         folder = cls(path)
-        folder._write_manifest(
-            Manifest(plan, "running", "", _utc(started), None, versions(), clock=Clock.of(plan.mode))
-        )
+        manifest = Manifest(plan, "running", "", _utc(started), None, versions(), clock=Clock.of(plan.mode))
+        try:
+            folder._write_manifest(manifest)
+        except BaseException as error:
+            shutil.rmtree(path, ignore_errors=True)
+            if isinstance(error, IncompleteRecordError):
+                raise RunFolderError(f"cannot make the run folder {path}: {error.__cause__}") from None
+            raise
         return folder
 
     @classmethod
@@ -250,14 +267,31 @@ class RunFolder:
         write_atomically(self.manifest_path, manifest.to_json())
 
 
-def write_atomically(path: Path, text: str) -> None:
-    """Replace the file as a whole: a reader, or a crash at any moment, sees the old text or the new one."""
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Name the file in what goes wrong inside: an OSError becomes an IncompleteRecordError."""
+    try:
+        yield
+    except OSError as error:
+        raise IncompleteRecordError(f"{path} can't be written: {error.strerror or error}") from error
+
+
+def write_atomically(path: Path, content: str | bytes) -> None:
+    """Replace the file as a whole: a reader, or a crash at any moment, sees the old content or the new one.
+
+    Raises IncompleteRecordError; the file is then as it was.
+    """
     temporary = path.with_name(f".{path.name}.tmp")
-    with temporary.open("w", encoding="utf-8", newline="\n") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    temporary.replace(path)
+    with writing(path):
+        try:
+            with temporary.open("wb") as file:
+                file.write(content.encode("utf-8") if isinstance(content, str) else content)
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(path)
+        finally:
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
 
 
 def versions() -> dict[str, str]:
