@@ -8,7 +8,7 @@ from multiprocessing import get_context
 
 import pytest
 
-from tests.closed_loop.loop_story import Run, Story, simulate
+from tests.closed_loop.loop_experiment import Experiment, Run, simulate
 
 Start = Callable[..., "Future[Run]"]
 
@@ -20,10 +20,10 @@ def start_run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Start]:
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
         count = 0
 
-        def start(scenario: str | Story, seed: int = 1) -> Future[Run]:
+        def start(scenario: str | Experiment, seed: int = 1) -> Future[Run]:
             nonlocal count
             count += 1
-            text = scenario.toml() if isinstance(scenario, Story) else scenario
+            text = scenario.toml() if isinstance(scenario, Experiment) else scenario
             return pool.submit(simulate, text, base / f"{count:03}", seed)
 
         yield start

@@ -1,4 +1,4 @@
-"""The closed loop in continuous time, written anew from the equations: what a run must come close to.
+"""The closed loop in continuous time, written independently from the equations: what a run must come close to.
 
 Plant: Hajiani and Poshtan (2012), eq. (1). Controller: eq. (6), v = (v0 + u) / theta, u = -K_x x - K_q q, q' = r - y.
 Everything below is numpy and scipy; nothing of it comes from the program under test. Between two instants at which
@@ -16,7 +16,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import minimize
 
-from tests.closed_loop.loop_story import Story
+from tests.closed_loop.loop_experiment import Experiment
 
 TOP_V = 10.0
 ANTI_WINDUP_S = 5.0
@@ -141,10 +141,10 @@ class Law:
 
 
 class Reference:
-    """The loop of one story. model : what the controller believes; truth : what the tanks are."""
+    """The loop of one experiment. model : what the controller believes; truth : what the tanks are."""
 
-    def __init__(self, story: Story, truth: Plant | None = None) -> None:
-        self.story = story
+    def __init__(self, experiment: Experiment, truth: Plant | None = None) -> None:
+        self.experiment = experiment
         self.model = Plant()
         self.truth = truth or self.model
         self._pairs = pole_pairs(self.model)
@@ -159,7 +159,7 @@ class Reference:
         if np.any(holding > np.asarray(theta) * TOP_V + 1e-9) or np.any(holding < -1e-9):
             holding = self._nearest(wanted, np.asarray(theta) * TOP_V)
             target = model.kc * model.levels(holding)[:2]
-        if self.story.design == "calibrated":
+        if self.experiment.design == "calibrated":
             v0 = np.array([3.0, 3.0])
             return Law(self._calibrated, model.levels(v0), v0, target, np.asarray(theta))
         h0 = model.levels(holding)
@@ -180,14 +180,14 @@ class Reference:
         return min(found, key=lambda result: result.fun).x
 
     def window_iae(self) -> dict[str, tuple[float, float]]:
-        """IAE in V s of every window of the story."""
-        story = self.story
-        changes = {0.0, story.duration_s} | {step.at_s for step in story.steps}
-        for loss in story.losses:
+        """IAE in V s of every window of the experiment."""
+        experiment = self.experiment
+        changes = {0.0, experiment.duration_s} | {step.at_s for step in experiment.steps}
+        for loss in experiment.losses:
             for at_s in (loss.at_s, loss.until_s):
-                changes |= set() if at_s is None else {at_s, at_s + story.delay_s}
-        changes |= {edge for _, *edges in story.windows for edge in edges}
-        times = sorted(t for t in changes if t <= story.duration_s)
+                changes |= set() if at_s is None else {at_s, at_s + experiment.delay_s}
+        changes |= {edge for _, *edges in experiment.windows for edge in edges}
+        times = sorted(t for t in changes if t <= experiment.duration_s)
         h, q = self.truth.levels((3.0, 3.0)), np.zeros(2)
         law: Law | None = None
         law_for: tuple[Any, tuple[float, float]] | None = None
@@ -195,7 +195,7 @@ class Reference:
         iae = np.zeros(2)
         for start, end in pairwise(times):
             r = self._asked(start)
-            believed = self._left(start - story.delay_s) if story.reconfigure else (1.0, 1.0)
+            believed = self._left(start - experiment.delay_s) if experiment.reconfigure else (1.0, 1.0)
             if law is None or (tuple(r), believed) != law_for:
                 new = self.law(r, believed)
                 if law is not None:
@@ -203,11 +203,11 @@ class Reference:
                 law, law_for = new, (tuple(r), believed)
             h, q, iae = self._integrate(law, r, np.array(self._left(start)), (start, end), h, q, iae)
             integrals[end] = iae
-        return {name: tuple(integrals[to_s] - integrals[from_s]) for name, from_s, to_s in story.windows}
+        return {name: tuple(integrals[to_s] - integrals[from_s]) for name, from_s, to_s in experiment.windows}
 
     def _asked(self, t: float) -> Any:
         r = self.model.kc * self.model.levels((3.0, 3.0))[:2]
-        for step in self.story.steps:
+        for step in self.experiment.steps:
             if step.at_s <= t:
                 given = np.array(step.values)
                 r = {"change_V": r + given, "levels_V": given, "levels_cm": self.model.kc * given}[step.kind]
@@ -215,7 +215,7 @@ class Reference:
 
     def _left(self, t: float) -> tuple[float, float]:
         left = [1.0, 1.0]
-        for loss in self.story.losses:
+        for loss in self.experiment.losses:
             if loss.at_s <= t + 1e-9 and (loss.until_s is None or t + 1e-9 < loss.until_s):
                 left[loss.target - 1] = loss.value
         return left[0], left[1]
@@ -239,12 +239,12 @@ class Reference:
         return end[:4], end[4:6], end[6:]
 
 
-def plant_of(story: Story) -> Plant:
-    """The true plant of a story whose [emulator] table changes its parameters."""
+def plant_of(experiment: Experiment) -> Plant:
+    """The true plant of a experiment whose [emulator] table changes its parameters."""
     names = {
         "tanks.area_cm2": "area",
         "tanks.outlet_cm2": "outlet",
         "pumps.gain_cm3_Vs": "k",
         "pumps.valve_split": "gamma",
     }
-    return replace(Plant(), **{names[key]: value for key, value in story.emulator.items()})
+    return replace(Plant(), **{names[key]: value for key, value in experiment.emulator.items()})

@@ -9,30 +9,32 @@ from typing import Any
 import pytest
 
 from tests.closed_loop.conftest import Start
+from tests.closed_loop.loop_experiment import Experiment, Loss, Run, Step
 from tests.closed_loop.loop_reference import Reference, plant_of
-from tests.closed_loop.loop_story import Loss, Run, Step, Story
 
 PERIOD_S = 0.02
 
 
-def story(
+def experiment(
     name: str, duration_s: float, steps: tuple[Step, ...], losses: tuple[Loss, ...] = (), **choices: Any
-) -> Story:
+) -> Experiment:
     """Windows: between one event and the next, and the whole."""
     edges = sorted({step.at_s for step in steps} | {loss.at_s for loss in losses} | {duration_s})
     windows = [(f"w{i}", a, b) for i, (a, b) in enumerate(pairwise(edges))]
-    return Story(name, duration_s, steps, losses, (*windows, ("whole", 0.0, duration_s)), period_s=PERIOD_S, **choices)
+    return Experiment(
+        name, duration_s, steps, losses, (*windows, ("whole", 0.0, duration_s)), period_s=PERIOD_S, **choices
+    )
 
 
-STORIES = (
-    story(
+EXPERIMENTS = (
+    experiment(
         "unequal steps of both signs, pump 2 loses half, late report",
         180.0,
         (Step(20.0, "change_V", (0.4, -0.3)), Step(120.0, "change_V", (-0.2, 0.25))),
         (Loss(60.0, 2, 0.5),),
         delay_s=0.5,
     ),
-    story(
+    experiment(
         "calibrated, steps down, pump 1 loses half, report at once",
         180.0,
         (Step(20.0, "change_V", (-0.5, -0.2)), Step(120.0, "change_V", (0.3, 0.1))),
@@ -40,21 +42,21 @@ STORIES = (
         design="calibrated",
         delay_s=0.0,
     ),
-    story(
+    experiment(
         "levels in cm, a loss that passes, reported after 3 s",
         180.0,
         (Step(10.0, "levels_cm", (10.0, 14.0)),),
         (Loss(60.0, 1, 0.6, until_s=120.0),),
         delay_s=3.0,
     ),
-    story(
+    experiment(
         "levels in V, gains kept while pump 1 has 40 % left",
         180.0,
         (Step(10.0, "levels_V", (6.6, 6.0)),),
         (Loss(60.0, 1, 0.4),),
         reconfigure=False,
     ),
-    story(
+    experiment(
         "calibrated, both pumps at different times, reported after 3 s",
         180.0,
         (Step(20.0, "levels_V", (6.4, 6.1)),),
@@ -62,13 +64,13 @@ STORIES = (
         design="calibrated",
         delay_s=3.0,
     ),
-    story(
+    experiment(
         "one loss within another of the same pump, and a second pump",
         200.0,
         (Step(150.0, "change_V", (0.3, 0.3)),),
         (Loss(20.0, 1, 0.8), Loss(50.0, 1, 0.5, until_s=100.0), Loss(120.0, 2, 0.6, until_s=170.0)),
     ),
-    story(
+    experiment(
         "tanks and pumps other than believed",
         180.0,
         (Step(20.0, "change_V", (0.3, 0.2)), Step(120.0, "change_V", (-0.3, 0.1))),
@@ -79,7 +81,7 @@ STORIES = (
             "pumps.valve_split": [0.69, 0.615],
         },
     ),
-    story(
+    experiment(
         "calibrated, pumps other than believed, gains kept, a loss that passes",
         180.0,
         (Step(20.0, "change_V", (0.2, -0.2)),),
@@ -88,7 +90,7 @@ STORIES = (
         reconfigure=False,
         emulator={"pumps.gain_cm3_Vs": [3.25, 3.43]},
     ),
-    story(
+    experiment(
         "what is left of pump 1 can't hold the reference",
         200.0,
         (Step(120.0, "change_V", (-0.3, 0.4)),),
@@ -99,20 +101,20 @@ STORIES = (
 
 @pytest.fixture(scope="module")
 def runs(start_run: Start) -> dict[str, Future[Run]]:
-    return {story.name: start_run(story) for story in STORIES}
+    return {experiment.name: start_run(experiment) for experiment in EXPERIMENTS}
 
 
-@pytest.mark.parametrize("story", STORIES, ids=lambda story: story.name)
-def test_a_run_agrees_with_the_loop_in_continuous_time(runs: dict[str, Future[Run]], story: Story) -> None:
+@pytest.mark.parametrize("experiment", EXPERIMENTS, ids=lambda experiment: experiment.name)
+def test_a_run_agrees_with_the_loop_in_continuous_time(runs: dict[str, Future[Run]], experiment: Experiment) -> None:
     """Half a per cent, or 2 mV s where there is next to nothing, at a control period of 20 ms."""
-    run = runs[story.name].result()
+    run = runs[experiment.name].result()
     assert run.kpi.status == "complete"
-    for window, expected in Reference(story, plant_of(story)).window_iae().items():
+    for window, expected in Reference(experiment, plant_of(experiment)).window_iae().items():
         assert run.kpi.iae_Vs[window] == pytest.approx(expected, rel=0.005, abs=0.002), window
 
 
 def test_an_unreachable_reference_is_said_to_be_one(runs: dict[str, Future[Run]]) -> None:
-    run = runs[STORIES[-1].name].result()
+    run = runs[EXPERIMENTS[-1].name].result()
     events = [event for event in run.events if event.code == "target"]
     assert [event.t_s for event in events] == [pytest.approx(21.0), pytest.approx(120.0)]
     assert "pump 1 would need" in events[0].text

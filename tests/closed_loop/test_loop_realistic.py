@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from tests.closed_loop.conftest import Start
+from tests.closed_loop.loop_experiment import CONFIG, Experiment, Loss, Run, Step, kept, shipped
 from tests.closed_loop.loop_reference import Plant
-from tests.closed_loop.loop_story import CONFIG, Loss, Run, Step, Story, kept, shipped
 
 RIG = tomllib.loads((CONFIG / "rig.toml").read_text(encoding="utf-8"))
 SEEDS = (1, 2, 3)
-SHORT = Story(
+SHORT = Experiment(
     name="paper_short",
     duration_s=150.0,
     steps=(Step(5.0, "change_V", (0.3146394, 0.3146394)),),
@@ -68,7 +68,7 @@ def assert_within_the_rig(run: Run) -> None:
     assert steepest <= RIG["pumps"]["rate_V_s"] * RIG["control"]["period_s"] + 1e-5  # six digits in the record
 
 
-OTHER_TRUTH = Story(
+OTHER_TRUTH = Experiment(
     name="three per cent off",
     duration_s=200.0,
     steps=(Step(20.0, "change_V", (0.3, -0.2)),),

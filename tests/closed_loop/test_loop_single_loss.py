@@ -1,4 +1,4 @@
-"""One pump loses 60 % and nobody is told: the rig's design lives with it, the paper's does not."""
+"""One pump loses 60 % without a fault signal: the rig's design lives with it, the paper's does not."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.closed_loop.conftest import Start
-from tests.closed_loop.loop_story import Loss, Run, Story
+from tests.closed_loop.loop_experiment import Experiment, Loss, Run
 
 LOSS_AT_S = 20.0
 
@@ -18,7 +18,7 @@ LOSS_AT_S = 20.0
 def runs(start_run: Start) -> dict[tuple[str, int], Future[Run]]:
     return {
         (design, pump): start_run(
-            Story(
+            Experiment(
                 f"{design}-{pump}",
                 240.0,
                 losses=(Loss(LOSS_AT_S, pump, 0.4),),

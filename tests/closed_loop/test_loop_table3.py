@@ -9,8 +9,8 @@ import pytest
 
 from hil.core.types import Pair
 from tests.closed_loop.conftest import Start
+from tests.closed_loop.loop_experiment import PAPER, Run, kept, shipped
 from tests.closed_loop.loop_reference import Reference
-from tests.closed_loop.loop_story import PAPER, Run, kept, shipped
 
 TABLE3_VS = {
     ("gain_fall", "kept"): (13.07, 9.231),
@@ -19,7 +19,7 @@ TABLE3_VS = {
     ("reference_step", "reconfigured"): (6.189, 6.234),
 }
 PERIODS_S = (0.1, 0.05, 0.01)
-STORIES = {"kept": kept(PAPER), "reconfigured": PAPER}
+EXPERIMENTS = {"kept": kept(PAPER), "reconfigured": PAPER}
 WIRE_FLOOR_VS = 5e-4
 """What rounding on the wire (0.2 mV, times gains up to 38 V/V) leaves of an IAE over 150 s, whatever the period."""
 
@@ -28,11 +28,11 @@ WIRE_FLOOR_VS = 5e-4
 def runs(start_run: Start) -> dict[tuple[str, float], Future[Run]]:
     futures = {}
     for period_s in reversed(PERIODS_S):  # the long ones first
-        for name, story in STORIES.items():
+        for name, experiment in EXPERIMENTS.items():
             scenario = (
-                shipped("paper_ideal", reconfigure=story.reconfigure)
+                shipped("paper_ideal", reconfigure=experiment.reconfigure)
                 if period_s == 0.01
-                else replace(story, period_s=period_s)
+                else replace(experiment, period_s=period_s)
             )
             futures[name, period_s] = start_run(scenario)
     return futures
@@ -40,7 +40,7 @@ def runs(start_run: Start) -> dict[tuple[str, float], Future[Run]]:
 
 @pytest.fixture(scope="module")
 def continuous() -> dict[str, dict[str, tuple[float, float]]]:
-    return {name: Reference(story).window_iae() for name, story in STORIES.items()}
+    return {name: Reference(experiment).window_iae() for name, experiment in EXPERIMENTS.items()}
 
 
 @pytest.mark.parametrize(("window", "gains"), TABLE3_VS)
@@ -63,7 +63,7 @@ def test_the_continuous_reference_reproduces_table_3_to_the_printed_digit(
         assert abs(computed - printed) < 1.5 * 10**-digits
 
 
-@pytest.mark.parametrize("gains", STORIES)
+@pytest.mark.parametrize("gains", EXPERIMENTS)
 @pytest.mark.parametrize("window", ["gain_fall", "reference_step"])
 def test_every_cell_comes_nearer_to_continuous_time_as_the_period_shrinks(
     runs: dict[tuple[str, float], Future[Run]], continuous: dict[str, dict[str, Pair]], window: str, gains: str

@@ -323,8 +323,8 @@ def test_record_is_consistent_with_itself() -> None:
         assert np.array(r.raw_V) == pytest.approx(
             np.array(r.operating_V) / theta - K @ np.concatenate([x, r.integral_Vs]), abs=1e-9
         )
-    sound, faulty = records[58], records[-1]
-    assert np.array(faulty.gain) == pytest.approx(np.array(sound.gain) / 0.4)
+    healthy, faulty = records[58], records[-1]
+    assert np.array(faulty.gain) == pytest.approx(np.array(healthy.gain) / 0.4)
 
 
 def test_record_passes_on_what_was_seen() -> None:

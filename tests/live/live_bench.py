@@ -28,7 +28,7 @@ HEARTBEAT_AGE_MAX_S = 0.25
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # started in a shell's background we would hand on none
 
-STORY = """
+SCENARIO = """
 [scenario]
 name = "live"
 duration_s = {duration}
@@ -58,7 +58,7 @@ safety.arm_timeout_s = {arm_timeout}
 
 def write_scenario(folder: Path, *, duration: float = 60.0, arm_timeout: float = 5.0) -> Path:
     path = folder / "live.toml"
-    path.write_text(STORY.format(duration=duration, arm_timeout=arm_timeout))
+    path.write_text(SCENARIO.format(duration=duration, arm_timeout=arm_timeout))
     return path
 
 

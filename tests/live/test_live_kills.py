@@ -25,7 +25,7 @@ LOST_S = 0.3
 KILL, STOP, TERM, CTRL_C = signal.SIGKILL, signal.SIGSTOP, signal.SIGTERM, signal.SIGINT
 SUDDEN = (KILL, STOP)
 
-STORY = """
+SCENARIO = """
 [scenario]
 name = "killed"
 duration_s = 100.0
@@ -103,7 +103,7 @@ class Killed:
 def brought_to(phase: Phase, folder: Path) -> Iterator[Killed]:
     scenario = folder / "killed.toml"
     tables = "" if phase.more == "" else phase.more
-    scenario.write_text(STORY.format(ramp_V_s=phase.ramp_V_s, period_s=phase.period_s, more=tables))
+    scenario.write_text(SCENARIO.format(ramp_V_s=phase.ramp_V_s, period_s=phase.period_s, more=tables))
     with (
         emulator(folder / "node.jsonl", scenario=scenario) as rig,
         controller(scenario, rig.channel, folder / "run", *PLAIN) as run,
@@ -208,7 +208,7 @@ def test_while_it_is_disarmed_it_moves_nothing_and_leaves_a_readable_folder(
 ) -> None:
     """The nodes were built for another DBC, so that it waits for them for as long as it may."""
     scenario = tmp_path / "killed.toml"
-    scenario.write_text(STORY.format(ramp_V_s=20.0, period_s=PERIOD_S, more=""))
+    scenario.write_text(SCENARIO.format(ramp_V_s=20.0, period_s=PERIOD_S, more=""))
     config = tmp_path / "config"
     config.mkdir()
     for name in ("rig.toml", "emulator.toml", "bench.dbc"):
@@ -232,7 +232,7 @@ def _text(path: Path) -> str:
 def test_while_it_connects_it_ends_at_once_and_leaves_no_folder(tmp_path: Path, number: signal.Signals) -> None:
     """A listener whose backlog is full lets nobody in."""
     scenario = tmp_path / "killed.toml"
-    scenario.write_text(STORY.format(ramp_V_s=20.0, period_s=PERIOD_S, more=""))
+    scenario.write_text(SCENARIO.format(ramp_V_s=20.0, period_s=PERIOD_S, more=""))
     with socket.socket() as listener:
         listener.bind(("127.0.0.1", 0))
         listener.listen(0)

@@ -197,8 +197,8 @@ def test_iae_after_the_fault_ends_with_its_window(tmp_path: Path, whole_run: Run
 
 
 def test_broken_invariants_are_named(tmp_path: Path) -> None:
-    sound = shortened(tmp_path / "sound")
-    assert (sound.overflow, sound.dry_run, sound.applied_out_of_range) == (False, False, False)
+    healthy = shortened(tmp_path / "healthy")
+    assert (healthy.overflow, healthy.dry_run, healthy.applied_out_of_range) == (False, False, False)
     assert shortened(tmp_path / "brim", truth_cm=(12.0, 20.0, 1.0, 1.0)).overflow
     assert shortened(tmp_path / "high", applied_V=(10.01, 3.0)).applied_out_of_range
     assert shortened(tmp_path / "low", applied_V=(3.0, -0.01)).applied_out_of_range

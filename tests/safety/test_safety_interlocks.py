@@ -393,7 +393,7 @@ def test_a_bypass_leaves_out_one_interlock_only() -> None:
     assert [e.code for e in events if e.code != "mode"] == ["bypass_end"]
 
 
-def test_a_bypass_asked_for_again_lasts_anew() -> None:
+def test_a_bypass_asked_for_again_lasts_again() -> None:
     state, _ = after(replace(HEALTHY, requests=(bypass(for_s=10.0),)))
     state, _ = after(replace(HEALTHY, requests=(bypass(for_s=5.0),)), state=state, now_ns=NOW_NS + 8 * SECOND)
     assert state.bypasses == ((TripCause.ESTIMATOR_DIVERGED, NOW_NS + 13 * SECOND),)
@@ -416,8 +416,8 @@ def test_a_bypass_for_no_time_or_for_ever_is_refused(for_s: float) -> None:
 
 
 def test_a_request_that_names_an_interlock_is_no_bypass_by_that() -> None:
-    wish = Request(Action.MANUAL, interlock=TripCause.DRY_RUN, for_s=5.0)
-    state, _ = after(replace(HEALTHY, requests=(wish,)))
+    request = Request(Action.MANUAL, interlock=TripCause.DRY_RUN, for_s=5.0)
+    state, _ = after(replace(HEALTHY, requests=(request,)))
     assert (state.mode, state.bypasses) == (Mode.MANUAL, ())
 
 
@@ -479,8 +479,8 @@ def test_manual_voltages_out_of_range_are_refused_and_change_nothing(mode: Mode,
 
 
 def test_the_ends_of_the_range_can_be_asked_for() -> None:
-    wish = Request(Action.MANUAL, voltage_V=(0.0, 10.0))
-    state, _ = after(replace(HEALTHY, requests=(wish,)))
+    request = Request(Action.MANUAL, voltage_V=(0.0, 10.0))
+    state, _ = after(replace(HEALTHY, requests=(request,)))
     assert (state.mode, state.manual_V) == (Mode.MANUAL, (0.0, 10.0))
 
 

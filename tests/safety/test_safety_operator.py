@@ -50,7 +50,7 @@ def events(loop: LoopBench, code: str) -> list[tuple[float, Event]]:
     return [(round(t_s, 6), event) for t_s, event in loop.recorder.events if event.code == code]
 
 
-def test_a_request_is_heeded_in_the_first_step_at_or_after_its_time() -> None:
+def test_a_request_is_allowed_in_the_first_step_at_or_after_its_time() -> None:
     loop = bench((1.0, MANUAL), (1.55, AUTO), (2.0, MANUAL), (2.0, STOP))
     loop.step(40)
     moves = [(t_s, event.text) for t_s, event in events(loop, "mode")][2:]
@@ -187,7 +187,7 @@ def disarmed_for_good(**changes: Any) -> LoopBench:
     return loop
 
 
-def test_a_run_whose_trip_was_cleared_waits_for_the_rig_anew_and_no_longer_than_allowed() -> None:
+def test_a_run_whose_trip_was_cleared_waits_for_the_rig_again_and_no_longer_than_allowed() -> None:
     loop = disarmed_for_good(arm_timeout_s=1.0)
     loop.step(10)
     assert (loop.mode, loop.loop.outcome) == (Mode.DISARMED, None)

@@ -274,9 +274,9 @@ def test_commands_change_by_20_volts_a_second_at_most(mode: Mode, wanted: float,
     st.lists(st.tuples(st.floats(allow_nan=False, allow_infinity=False), st.floats(-20, 20)), max_size=20),
     st.floats(0.001, 1.0),
 )
-def test_no_sequence_of_wishes_leaves_range_or_rate(wishes: list[Pair], period_s: float) -> None:
+def test_no_sequence_of_wanted_voltages_leaves_range_or_rate(voltages: list[Pair], period_s: float) -> None:
     state = Supervision(Mode.RUNNING)
-    for wanted_V in wishes:
+    for wanted_V in voltages:
         before = state.command_V
         state, command = supervisor.safe_command(LIMITS, state, wanted_V, period_s)
         for now, then in zip(command.voltage_V, before, strict=True):
@@ -317,16 +317,16 @@ INPUTS = st.tuples(
 
 @settings(max_examples=100, deadline=None)
 @given(st.lists(INPUTS, max_size=40), st.lists(st.floats(-50, 50), min_size=40, max_size=40))
-def test_invariants_over_any_history(history: list[Any], wishes: list[float]) -> None:
+def test_invariants_over_any_history(history: list[Any], voltages: list[float]) -> None:
     """Never enabled while an interlock stands; latched once tripped; only DISARMED leads to READY, READY to RUNNING."""
     state = Supervision()
-    for (base, faults, stop, degraded), wish in zip(history, wishes, strict=False):
+    for (base, faults, stop, degraded), voltage in zip(history, voltages, strict=False):
         inputs = replace(base, stop_requested=stop)
         for _, _, fault in faults:
             inputs = fault(inputs)
         before = state
         state, _ = supervisor.next_mode(LIMITS, state, inputs, NOW_NS, FAULTY if degraded else NO_FAULT)
-        state, command = supervisor.safe_command(LIMITS, state, (wish, -wish), 0.1)
+        state, command = supervisor.safe_command(LIMITS, state, (voltage, -voltage), 0.1)
         if faults:
             assert command == OFF
         if before.mode is Mode.TRIPPED:

@@ -36,13 +36,13 @@ def asked(*requests: Request, base: Inputs = READY) -> Inputs:
     return replace(base, requests=requests)
 
 
-def wish(action: Action, **details: Any) -> Request:
+def request(action: Action, **details: Any) -> Request:
     return Request(action, **details)
 
 
-MANUAL, AUTO, CLEAR, STOP = (wish(a) for a in (Action.MANUAL, Action.AUTO, Action.CLEAR, Action.STOP))
-MANUAL_AT = wish(Action.MANUAL, voltage_V=(6.0, 1.0))
-BYPASS = wish(Action.BYPASS, interlock=TripCause.ESTIMATOR_DIVERGED, for_s=60.0)
+MANUAL, AUTO, CLEAR, STOP = (request(a) for a in (Action.MANUAL, Action.AUTO, Action.CLEAR, Action.STOP))
+MANUAL_AT = request(Action.MANUAL, voltage_V=(6.0, 1.0))
+BYPASS = request(Action.BYPASS, interlock=TripCause.ESTIMATOR_DIVERGED, for_s=60.0)
 NODE_TRIPPED = but(HEALTHY, "pumps", state=NodeState.TRIPPED)
 BOTH_DEAD = Diagnosis((0.05, 0.0))
 
@@ -138,9 +138,9 @@ def test_every_mode_times_every_event(before: Mode, name: str) -> None:
         assert (state.cause is not None) == (expected is Mode.TRIPPED)
     assert codes.count("mode") == (expected not in (before, Mode.TRIPPED))
     refusals = [e.data["action"] for e in events if e.code == "refused"]
-    unheeded = [r.action.value for r in inputs.requests if r.action not in supervisor.ALLOWED_ACTIONS[before]]
+    not_allowed = [r.action.value for r in inputs.requests if r.action not in supervisor.ALLOWED_ACTIONS[before]]
     stays_tripped = before is expected is Mode.TRIPPED and CLEAR in inputs.requests
-    assert refusals == unheeded + ["clear"] * stays_tripped
+    assert refusals == not_allowed + ["clear"] * stays_tripped
 
 
 def test_the_letters_name_every_mode() -> None:

@@ -40,13 +40,15 @@ def slcan(data: bytes) -> None:
     for start in range(0, len(stream), size):
         pieces += cut.feed(stream[start : start + size])
         check(cut.kept <= MAX_LINE_BYTES, "too much is kept")
-    check([_told(frame) for frame in frames] == [_told(frame) for frame in pieces], "a cut changes frames")
+    check([_content(frame) for frame in frames] == [_content(frame) for frame in pieces], "a cut changes frames")
     check(_counts(whole) == _counts(cut), "a cut changes counts")
     check(whole.refused == stream.count(BELL), "refusals miscounted")
     for frame in frames:
         line = frame_line(frame)
         again = parse_frame(line[:-1])
-        check(again is not None and _told(again) == _told(frame) and line.endswith(CR), f"{line!r} is not what came")
+        check(
+            again is not None and _content(again) == _content(frame) and line.endswith(CR), f"{line!r} is not what came"
+        )
         check(frame.arbitration_id <= (0x1FFFFFFF if frame.is_extended_id else 0x7FF), "identifier")
         check(frame.dlc <= 8 and len(frame.data) == (0 if frame.is_remote_frame else frame.dlc), "length")
 
@@ -128,7 +130,7 @@ def contract() -> Contract:
     return Contract.from_dbc((default_config_dir() / "bench.dbc").read_text(encoding="utf-8"))
 
 
-def _told(frame: can.Message) -> tuple[object, ...]:
+def _content(frame: can.Message) -> tuple[object, ...]:
     return frame.arbitration_id, frame.is_extended_id, frame.is_remote_frame, frame.dlc, bytes(frame.data)
 
 

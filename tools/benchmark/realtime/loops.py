@@ -93,7 +93,7 @@ class SilentPort:
         """Return no frame."""
         return ()
 
-    def news(self) -> tuple[()]:
+    def take_events(self) -> tuple[()]:
         """Return no events."""
         return ()
 

@@ -46,7 +46,7 @@ class Loss:
 
 
 @dataclass(frozen=True)
-class Story:
+class Experiment:
     """What a scenario file says. rig, emulator : dotted keys to values, laid over the config files.
 
     is_ideal : no lag, noise, converters or rate limit, and level frames at every control step.
@@ -94,7 +94,7 @@ class Story:
 
 
 PAPER_STEP_V = 0.314639362845011
-PAPER = Story(
+PAPER = Experiment(
     name="paper_ideal",
     duration_s=500.0,
     steps=(Step(100.0, "change_V", (PAPER_STEP_V,) * 2), Step(350.0, "change_V", (PAPER_STEP_V,) * 2)),
@@ -143,6 +143,6 @@ def shipped(name: str, *, reconfigure: bool = True) -> str:
     return text if reconfigure else text.replace("reconfigure = true", "reconfigure = false")
 
 
-def kept(story: Story) -> Story:
+def kept(experiment: Experiment) -> Experiment:
     """The same with gains that do not follow the diagnosis."""
-    return replace(story, reconfigure=False, name=f"{story.name}_kept")
+    return replace(experiment, reconfigure=False, name=f"{experiment.name}_kept")
