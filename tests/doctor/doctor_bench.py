@@ -7,14 +7,15 @@ import itertools
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
+from typing import Any, cast
 
 import can
 
 from firmware_sim import settings as emulator_settings
-from firmware_sim.faults.base import FaultTable
+from firmware_sim.faults.base import Fault, FaultTable
 from firmware_sim.faults.catalogue import KINDS
 from firmware_sim.ports import BusPort as EmulatorPort
-from firmware_sim.pump_node import PumpNode
+from firmware_sim.pump_node import Change, PumpNode
 from firmware_sim.rig import Rig
 from hil.bench import assembly
 from hil.cli.doctor_command import expectations
@@ -22,6 +23,7 @@ from hil.doctor.examination import examine
 from hil.edge.can.bus import BusPort
 from hil.edge.config.rig_file import load_rig
 from hil.probe.bus_probe import Probe
+from hil.probe.result import Result
 from hil.wire.contract import Contract
 from hil.wire.frame_check import Frame
 
@@ -52,22 +54,34 @@ def fault(
 class LockstepBench:
     """Port and clock of a probe in one. overlay : keys over emulator.toml, table by table. rig : a class like Rig."""
 
-    def __init__(self, *, overlay=None, fingerprint: int | None = None, seed: int = 1, rig: type[Rig] = Rig) -> None:
+    def __init__(
+        self,
+        *,
+        overlay: dict[str, dict[str, Any]] | None = None,
+        fingerprint: int | None = None,
+        seed: int = 1,
+        rig: type[Rig] = Rig,
+    ) -> None:
         base, _ = emulator_settings.load(CONFIG / "emulator.toml")
         values = base.model_dump()
         for table, keys in (overlay or {}).items():
             values[table] |= keys
         settings = type(base).model_validate(values)
-        self.changes = []
+        self.changes: list[Change] = []
         print_of = contract().fingerprint if fingerprint is None else fingerprint
         self.rig = rig(settings, (), seed, print_of, self.changes.append)
         channel = f"doctor {next(_channels)}"
-        made = {"interface": "virtual", "channel": channel, "preserve_timestamps": True, "ignore_config": True}
+        made: dict[str, Any] = {
+            "interface": "virtual",
+            "channel": channel,
+            "preserve_timestamps": True,
+            "ignore_config": True,
+        }
         self._ours, self._theirs = can.Bus(**made), can.Bus(**made)
         self.port = BusPort(self._ours)
         self._far = EmulatorPort(self.rig, self._theirs)
         self._now_ns = 0
-        self.sent = []
+        self.sent: list[tuple[int, int, bytes]] = []
         self.is_up, self.last_error = True, ""
         self._wait(BOOTED_NS)
         self.port.waiting()
@@ -81,8 +95,8 @@ class LockstepBench:
             self._wait(min(deadline_ns, max(self.rig.next_event_ns, self._now_ns + 1)))
         return frame
 
-    def arrived_ns(self, message, now_ns: int) -> int:
-        return self.port.arrived_ns(message, now_ns)
+    def arrived_ns(self, message: Frame, now_ns: int) -> int:
+        return self.port.arrived_ns(cast(can.Message, message), now_ns)
 
     def send(self, frame_id: int, data: bytes, timestamp_s: float, **kind: bool) -> bool:
         self.sent.append((self._now_ns, frame_id, data))
@@ -92,7 +106,7 @@ class LockstepBench:
 
     def inject(self, *faults: FaultTable) -> "LockstepBench":
         for one in faults:
-            self.rig.inject(one, self._now_ns)
+            self.rig.inject(cast(Fault, one), self._now_ns)
         return self
 
     def _wait(self, until_ns: int) -> None:
@@ -104,7 +118,7 @@ class LockstepBench:
         return self.rig.pump
 
     @property
-    def highest_voltage(self):
+    def highest_voltage(self) -> float:
         """The most that the pump node has ever put out."""
         return max((max(change.applied_V) for change in self.changes if change.node == "pump"), default=0.0)
 
@@ -116,7 +130,7 @@ class LockstepBench:
         self._theirs.shutdown()
 
 
-def examined(bench: LockstepBench, seconds: float = 3.0, *, with_pumps: bool = False):
+def examined(bench: LockstepBench, seconds: float = 3.0, *, with_pumps: bool = False) -> dict[str, Result]:
     """Results by name; the bench is closed."""
     try:
         with bench.probe() as probe:

@@ -1,5 +1,7 @@
 """Every check of the bench: a healthy one passes it, a fault of the emulator fails it. No pump moves."""
 
+from typing import Any
+
 import pytest
 from can import Message
 
@@ -88,8 +90,8 @@ WRONG = [
 ]
 
 
-def name_of(case) -> str:
-    return f"{case.kind} {case.target}" if hasattr(case, "kind") else str(case)
+def name_of(case: object) -> str:
+    return f"{case.kind} {case.target}" if hasattr(case, "kind") and hasattr(case, "target") else str(case)
 
 
 def with_foreign_frames(rate_per_s: int, can_id: int, data: bytes) -> type[Rig]:
@@ -263,13 +265,13 @@ def test_a_bus_that_goes_away_is_a_failed_check() -> None:
     bench = LockstepBench()
     receive = bench.receive
 
-    def cut(timeout_s) -> Frame | None:
+    def cut(timeout_s: float) -> Frame | None:
         if bench.now_ns() > 5_000_000_000:
             bench.is_up, bench.last_error = False, "cable pulled"
             return None
         return receive(timeout_s)
 
-    bench.receive = cut
+    vars(bench)["receive"] = cut
     results = examined(bench)
     assert results["examination"].verdict is FAIL
     assert "cable pulled" in results["examination"].found
@@ -318,12 +320,12 @@ def test_with_pumps_a_status_that_stays_away_ends_it_at_zero() -> None:
     bench = LockstepBench()
     send = bench.send
 
-    def sending(frame_id, data, timestamp_s, **kind) -> bool:
+    def sending(frame_id: int, data: bytes, timestamp_s: float, **kind: Any) -> bool:
         if any(data[:4]) and not bench.rig.truth().faults:
             bench.inject(fault("frame_loss", "PumpStatus", 1.0))
         return send(frame_id, data, timestamp_s, **kind)
 
-    bench.send = sending
+    vars(bench)["send"] = sending
     results = examined(bench, with_pumps=True)
     assert results["pump 1 voltage"].verdict is FAIL
     assert results["pumps"].verdict is NOT_CHECKED
@@ -371,12 +373,12 @@ def test_whatever_raises_the_node_ends_at_zero(after_s: float) -> None:
     bench = LockstepBench()
     until_ns, receive = bench.now_ns() + round(after_s * 1e9), bench.receive
 
-    def failing(timeout_s) -> Frame | None:
+    def failing(timeout_s: float) -> Frame | None:
         if bench.now_ns() >= until_ns:
             raise RuntimeError("a bug")
         return receive(timeout_s)
 
-    bench.receive = failing
+    vars(bench)["receive"] = failing
     with pytest.raises(RuntimeError, match="a bug"), bench.probe() as probe:
         examine(probe, WANTS, 3.0, with_pumps=True)
     assert bench.pump.applied_V == (0.0, 0.0)
@@ -389,15 +391,16 @@ def test_whatever_raises_the_node_ends_at_zero(after_s: float) -> None:
 @pytest.mark.parametrize("after_s", [1.5, 4.6, 5.2, 5.9, 6.4, 7.7, 9.1, 10.0, 11.0])
 def test_a_host_that_stands_still_for_a_moment_makes_no_check_fail(after_s: float) -> None:
     bench = LockstepBench()
-    receive, stalls = bench.receive, []
+    receive = bench.receive
+    stalls: list[int] = []
 
-    def stalling(timeout_s) -> Frame | None:
+    def stalling(timeout_s: float) -> Frame | None:
         if not stalls and bench.now_ns() >= after_s * 1e9:
             stalls.append(bench.now_ns())
             bench._wait(bench.now_ns() + 400_000_000)  # frames pile up and come all at once
         return receive(timeout_s)
 
-    bench.receive = stalling
+    vars(bench)["receive"] = stalling
     results = examined(bench)
     assert stalls
     assert not [result for result in results.values() if result.verdict is FAIL]

@@ -1,6 +1,7 @@
 """The conformance check: the emulator passes it; every broken node fails the test that is meant for it."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ from hil.probe.bus_probe import InterruptedByUserError
 from hil.probe.result import Result, Verdict
 from hil.wire.frame_check import Frame
 from tests.doctor import nodes_bench as nodes
-from tests.doctor.doctor_bench import contract, fault
+from tests.doctor.doctor_bench import RIG, LockstepBench, contract, fault
 from tests.doctor.nodes_bench import failures, tried
 
 BROKEN = {
@@ -64,7 +65,7 @@ FEEDING = (
 )
 
 
-def by_name(node):
+def by_name(node: type[PumpNode]) -> str:
     return node.__name__
 
 
@@ -139,13 +140,13 @@ def test_the_watchdog_is_timed(monkeypatch: pytest.MonkeyPatch, watchdog_s: floa
 
 def test_a_tripped_node_is_cleared_by_the_check(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("firmware_sim.rig.PumpNode", PumpNode)
-    bench = nodes.LockstepBench()
+    bench = LockstepBench()
     with bench.probe() as probe:
         probe.listen(0.2)
         probe.command(enable=True)
         probe.listen(0.5)
         assert bench.pump.state is NodeState.TRIPPED
-        results = suite.run_suite(probe, nodes.Plan(True, False, False, nodes.RIG.sensors.range_V))
+        results = suite.run_suite(probe, suite.Plan(True, False, False, RIG.sensors.range_V))
     assert suite.conforms(results), results
     bench.close()
 
@@ -220,18 +221,19 @@ def test_a_host_that_stands_still_for_a_moment_makes_no_healthy_node_fail(
     monkeypatch: pytest.MonkeyPatch, after_s: float
 ) -> None:
     monkeypatch.setattr("firmware_sim.rig.PumpNode", PumpNode)
-    bench = nodes.LockstepBench()
-    receive, stalls = bench.receive, []
+    bench = LockstepBench()
+    receive = bench.receive
+    stalls: list[int] = []
 
-    def stalling(timeout_s) -> Frame | None:
+    def stalling(timeout_s: float) -> Frame | None:
         if not stalls and bench.now_ns() >= after_s * 1e9:
             stalls.append(bench.now_ns())
             bench._wait(bench.now_ns() + 400_000_000)  # frames pile up and come all at once
         return receive(timeout_s)
 
-    bench.receive = stalling
+    vars(bench)["receive"] = stalling
     with bench.probe() as probe:
-        results = suite.run_suite(probe, nodes.Plan(True, False, False, nodes.RIG.sensors.range_V))
+        results = suite.run_suite(probe, suite.Plan(True, False, False, RIG.sensors.range_V))
     assert stalls
     assert suite.conforms(results), [result for result in results if result.verdict is not Verdict.PASS]
     bench.close()
@@ -242,37 +244,43 @@ def test_whenever_it_is_interrupted_the_node_ends_ready_at_zero(
     monkeypatch: pytest.MonkeyPatch, after_s: float
 ) -> None:
     monkeypatch.setattr("firmware_sim.rig.PumpNode", PumpNode)
-    bench = nodes.LockstepBench()
+    bench = LockstepBench()
     until_ns = bench.now_ns() + round(after_s * 1e9)
     with (
         pytest.raises(InterruptedByUserError, match="SIGTERM"),
         bench.probe(lambda: "SIGTERM" if bench.now_ns() >= until_ns else "") as probe,
     ):
-        suite.run_suite(probe, nodes.Plan(True, False, True, nodes.RIG.sensors.range_V))
+        suite.run_suite(probe, suite.Plan(True, False, True, RIG.sensors.range_V))
     bench.rig.advance(bench.now_ns() + 400_000_000)
     assert (bench.pump.state, bench.pump.applied_V) == (NodeState.READY, (0.0, 0.0))
     bench.close()
 
 
-def cycled(monkeypatch: pytest.MonkeyPatch, what, *, node: type[PumpNode] = PumpNode, within_s: float = 10.0) -> Result:
+def cycled(
+    monkeypatch: pytest.MonkeyPatch,
+    what: Callable[[LockstepBench], object],
+    *,
+    node: type[PumpNode] = PumpNode,
+    within_s: float = 10.0,
+) -> Result:
     """The last test alone: somebody is asked to switch the node off and on, and does `what`."""
     monkeypatch.setattr("firmware_sim.rig.PumpNode", node)
-    bench = nodes.LockstepBench()
-    asked = []
+    bench = LockstepBench()
+    asked: list[str] = []
 
-    def ask(text) -> None:
+    def ask(text: str) -> None:
         asked.append(text)
         what(bench)
 
     with bench.probe() as probe:
-        plan = nodes.Plan(True, False, False, nodes.RIG.sensors.range_V, power_cycle_s=within_s)
+        plan = suite.Plan(True, False, False, RIG.sensors.range_V, power_cycle_s=within_s)
         results = {result.check: result for result in suite.run_suite(probe, plan, ask)}
     bench.close()
     assert len(asked) == 1
     return results["boots at 0 V"]
 
 
-def off_and_on(bench) -> None:
+def off_and_on(bench: LockstepBench) -> None:
     bench.inject(fault("node_reboot", "pump", at_s=1.0, until_s=3.0))
 
 

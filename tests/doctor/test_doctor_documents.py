@@ -5,6 +5,7 @@ import re
 import tomllib
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import pytest
 from can import Message
@@ -31,9 +32,11 @@ DOCS = ROOT / "docs"
 GOLDEN = tomllib.loads((ROOT / "tests/golden/frames.toml").read_text())
 
 
-def tables(name: str):
+def tables(name: str) -> list[tuple[tuple[str, ...], list[tuple[str, ...]]]]:
     """Every table of a document: its heading, and its rows as cells."""
-    found, heading, rows = [], (), []
+    found: list[tuple[tuple[str, ...], list[tuple[str, ...]]]] = []
+    heading: tuple[str, ...] = ()
+    rows: list[tuple[str, ...]] = []
     for line in [*(DOCS / name).read_text().splitlines(), ""]:
         cells = tuple(cell.strip() for cell in line.strip().strip("|").split("|")) if line.startswith("|") else None
         if cells is None:
@@ -47,7 +50,7 @@ def tables(name: str):
     return found
 
 
-def rows_of(name: str, *heading: str):
+def rows_of(name: str, *heading: str) -> list[tuple[str, ...]]:
     return next(rows for head, rows in tables(name) if head[: len(heading)] == heading)
 
 
@@ -79,13 +82,14 @@ def test_settings_named_for_a_trip_are_the_rig_file_s() -> None:
             assert key in rig[section], f"{name} in {what!r}"
 
 
-def event_codes():
+def event_codes() -> set[object]:
     """Second argument of every Event(...) in hil, by its source."""
-    codes = set()
+    codes: set[object] = set()
     for file in (ROOT / "hil").rglob("*.py"):
         for node in ast.walk(ast.parse(file.read_text())):
-            is_event = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Event"
-            if is_event and len(node.args) > 1:
+            if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Event"):
+                continue
+            if len(node.args) > 1:
                 assert isinstance(node.args[1], ast.Constant), f"{file}:{node.lineno}"
                 codes.add(node.args[1].value)
     return codes
@@ -161,14 +165,16 @@ def test_refused_vectors_in_the_document_are_those_of_the_file() -> None:
 
 
 @pytest.mark.parametrize("golden", GOLDEN["refused"], ids=lambda golden: golden["about"])
-def test_refused_vectors_are_refused_by_both_twins_and_for_that_reason(golden: dict[str, str | int]) -> None:
+def test_refused_vectors_are_refused_by_both_twins_and_for_that_reason(golden: dict[str, Any]) -> None:
     data, spec = bytes.fromhex(golden["data"]), contract().frames["PumpCommand"]
     frame = Message(arbitration_id=golden["id"], data=data, is_extended_id=False)
     check = FrameCheck(spec, counter=0, accepted_ns=1)
     assert check.admit(frame, 2) is Rejection(golden["why"])
-    node_s = parse_command(frame)
+    parsed = parse_command(frame)
+    node_s: object = parsed
     if golden["why"] in ("duplicate", "old"):
-        node_s = PumpNode._check_counter(_after_counter_zero(), node_s.counter, 2)
+        assert not isinstance(parsed, NodeRejection)
+        node_s = PumpNode._check_counter(_after_counter_zero(), parsed.counter, 2)
     assert node_s is NodeRejection(golden["why"])
 
 
@@ -186,7 +192,7 @@ def test_the_crc_by_bits_is_the_document_s() -> None:
     text = (DOCS / "reference/firmware.md").read_text()
     assert "(crc << 1) xor 0x2F if its top bit is set" in text
 
-    def crc(data) -> int:
+    def crc(data: bytes) -> int:
         register = 0xFF
         for byte in data:
             register ^= byte

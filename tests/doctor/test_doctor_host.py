@@ -19,7 +19,7 @@ MIB, GIB = 2**20, 2**30
 GOOD = HostFacts(1e-9, 80.0, inf, False, False, ("performance", "performance"), 20 * GIB, "/data")
 
 
-def by_name(results: list[Result]):
+def by_name(results: list[Result]) -> dict[str, Result]:
     return {result.check: result for result in results}
 
 

@@ -1,11 +1,13 @@
 """Helpers of the fault tests: faults by name, a rig that is driven, what its frames say."""
 
+from typing import Any
+
 import can
 
-from firmware_sim.change_record import ChangeRecord
-from firmware_sim.faults.base import FaultTable
+from firmware_sim.faults.base import Fault
 from firmware_sim.faults.catalogue import KINDS
 from firmware_sim.frames import FRAME_IDS
+from firmware_sim.pump_node import Observer
 from firmware_sim.rig import Rig
 from firmware_sim.settings import EmulatorSettings
 from tests.firmware_sim.sim_bench import MS, SECOND, command, emulator
@@ -22,14 +24,14 @@ def fault(
     value: float | None = None,
     at_s: float = 1.0,
     until_s: float | None = None,
-) -> FaultTable:
-    """A fault of that kind; what is None is left out."""
+) -> Any:
+    """A fault of that kind, whose class is the kind's; what is None is left out."""
     given = {"kind": kind, "target": target, "value": value, "at_s": at_s, "until_s": until_s}
     return KINDS[kind].model_validate({key: part for key, part in given.items() if part is not None})
 
 
 def rig_with(
-    *faults: FaultTable, settings: EmulatorSettings = QUIET, seed: int = 1, observer: ChangeRecord | None = None
+    *faults: Fault, settings: EmulatorSettings = QUIET, seed: int = 1, observer: Observer | None = None
 ) -> Rig:
     return Rig(settings, faults, seed, 0xDEADBEEF, observer)
 
@@ -55,23 +57,23 @@ def run_s(frame: can.Message) -> float:
     return round(frame.timestamp - START / SECOND, 6)
 
 
-def named(frames: list[can.Message], name: str, from_s: float = 0.0, to_s: float = 1e9):
+def named(frames: list[can.Message], name: str, from_s: float = 0.0, to_s: float = 1e9) -> list[can.Message]:
     """Frames of a name within a span of scenario time."""
     return [f for f in frames if f.arbitration_id == FRAME_IDS[name] and from_s <= run_s(f) < to_s]
 
 
-def level_volts(frames: list[can.Message], tank: int, from_s: float = 0.0, to_s: float = 1e9):
+def level_volts(frames: list[can.Message], tank: int, from_s: float = 0.0, to_s: float = 1e9) -> list[float]:
     """Readings of a tank's channel."""
     name, at = ("LowerLevels" if tank < 3 else "UpperLevels"), 2 * ((tank - 1) % 2)
     return [int.from_bytes(f.data[at : at + 2], "little") / 5000 for f in named(frames, name, from_s, to_s)]
 
 
-def channel_status(frames: list[can.Message], tank: int, from_s: float = 0.0, to_s: float = 1e9):
+def channel_status(frames: list[can.Message], tank: int, from_s: float = 0.0, to_s: float = 1e9) -> list[int]:
     name, shift = ("LowerLevels" if tank < 3 else "UpperLevels"), 4 * ((tank - 1) % 2)
     return [f.data[4] >> shift & 0x0F for f in named(frames, name, from_s, to_s)]
 
 
-def as_bytes(frames: list[can.Message]):
+def as_bytes(frames: list[can.Message]) -> list[tuple[float, int, bytes, bool, bool]]:
     return [(f.timestamp, f.arbitration_id, bytes(f.data), f.is_extended_id, f.is_remote_frame) for f in frames]
 
 

@@ -5,7 +5,9 @@ import socket
 import struct
 import termios
 import tty
+from collections.abc import Callable
 from contextlib import suppress
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -16,6 +18,7 @@ from firmware_sim.ports import PtyPort, TcpPort
 from firmware_sim.rig import Rig
 from firmware_sim.slcan_port import LINE_MAX
 from tests.firmware_sim.sim_bench import MS, shipped
+from tests.narrowing import not_none
 
 COMMAND = b"t2016983A204E1106\r"
 BYTES = st.binary(max_size=200) | st.sampled_from(
@@ -60,9 +63,10 @@ class TcpHost:
     """The near end of a TCP port."""
 
     def __init__(self, port: TcpPort) -> None:
-        self._address, self._socket = port._listener.getsockname(), None
+        self._address = port._listener.getsockname()
+        self._socket: socket.socket | None = None
 
-    def do(self, what: str) -> None:
+    def do(self, what: Any) -> None:
         if what == "connect":
             self.do("close")
             self._socket = socket.create_connection(self._address)
@@ -84,12 +88,13 @@ class TcpHost:
                 else:
                     self._socket.send(what)
 
-    def asks(self, what, turns):
-        self._socket.send(what)
+    def asks(self, what: bytes, turns: Turns) -> bytes | None:
+        near = not_none(self._socket)
+        near.send(what)
         for _ in range(200):
             turns.turn()
             with suppress(BlockingIOError):
-                return self._socket.recv(65_536)
+                return near.recv(65_536)
         return None
 
 
@@ -97,9 +102,10 @@ class PtyHost:
     """The near end of a pty."""
 
     def __init__(self, port: PtyPort) -> None:
-        self._path, self._fd = port.path, None
+        self._path = port.path
+        self._fd: int | None = None
 
-    def do(self, what: str) -> None:
+    def do(self, what: Any) -> None:
         if what == "connect":
             self.do("close")
             self._fd = os.open(self._path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
@@ -118,12 +124,13 @@ class PtyHost:
                 else:
                     os.write(self._fd, what)
 
-    def asks(self, what, turns) -> bytes | None:
-        os.write(self._fd, what)
+    def asks(self, what: bytes, turns: Turns) -> bytes | None:
+        near = not_none(self._fd)
+        os.write(near, what)
         for _ in range(200):
             turns.turn()
             with suppress(BlockingIOError):
-                return os.read(self._fd, 65_536)
+                return os.read(near, 65_536)
         return None
 
 
@@ -142,7 +149,9 @@ def on_pty() -> tuple[Turns, PtyHost]:
 @pytest.mark.parametrize("make", [on_tcp, on_pty])
 @given(st.lists(HOST, max_size=25))
 @settings(max_examples=60, deadline=None)
-def test_whatever_hosts_do_the_rig_goes_on_and_the_next_host_is_served(make, steps) -> None:
+def test_whatever_hosts_do_the_rig_goes_on_and_the_next_host_is_served(
+    make: Callable[[], tuple[Turns, TcpHost | PtyHost]], steps: list[str | bytes]
+) -> None:
     turns, host = make()
     try:
         host.do("connect")
@@ -155,14 +164,16 @@ def test_whatever_hosts_do_the_rig_goes_on_and_the_next_host_is_served(make, ste
         host.do("connect")
         for _ in range(3):
             turns.turn()
-        assert host.asks(b"V\r", turns).endswith(b"V1013\r")
+        assert not_none(host.asks(b"V\r", turns)).endswith(b"V1013\r")
     finally:
         host.do("close")
         turns.port.close()
 
 
 @pytest.mark.parametrize("make", [on_tcp, on_pty])
-def test_a_host_that_floods_and_never_reads_is_taken_a_bounded_piece_a_turn(make) -> None:
+def test_a_host_that_floods_and_never_reads_is_taken_a_bounded_piece_a_turn(
+    make: Callable[[], tuple[Turns, TcpHost | PtyHost]],
+) -> None:
     turns, host = make()
     try:
         host.do("connect")
@@ -176,7 +187,7 @@ def test_a_host_that_floods_and_never_reads_is_taken_a_bounded_piece_a_turn(make
         assert turns.port._link is None
         host.do("connect")
         turns.turn()
-        assert host.asks(b"V\r", turns).endswith(b"V1013\r")
+        assert not_none(host.asks(b"V\r", turns)).endswith(b"V1013\r")
     finally:
         host.do("close")
         turns.port.close()

@@ -16,7 +16,7 @@ def is_intact(frame: can.Message, can_id: int) -> bool:
     return crc8(can_id, bytes(frame.data[:-1])) == frame.data[-1]
 
 
-def counters(frames, name: str):
+def counters(frames: list[can.Message], name: str) -> list[int]:
     at, shift = {"LowerLevels": (5, 0), "UpperLevels": (5, 0), "PumpStatus": (5, 4)}.get(name, (0, 4))
     return [f.data[at] >> shift & 0x0F for f in frames]
 

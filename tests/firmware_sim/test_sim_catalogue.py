@@ -27,7 +27,7 @@ class Worn(FaultTable):
 def kinds() -> dict[str, type[FaultTable]]:
     """The catalogue with one more class in one more module."""
     module = ModuleType("more_faults")
-    module.Worn, module.FaultTable = Worn, FaultTable
+    vars(module).update(Worn=Worn, FaultTable=FaultTable)
     return kinds_in((*FAMILIES, module))
 
 

@@ -8,9 +8,11 @@ import pytest
 
 from firmware_sim.command_server import LINE_MAX, CommandServer, Lines, listen_unix
 from firmware_sim.links import listen
+from firmware_sim.rig import Rig
 from tests import fork_server
 from tests.firmware_sim.fault_bench import rig_with
 from tests.firmware_sim.sim_bench import SECOND
+from tests.narrowing import not_none
 
 
 def test_lines_come_cut_anywhere_and_long_ones_are_cut_off() -> None:
@@ -29,13 +31,13 @@ def control(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[CommandS
     rig.advance(SECOND)
     listener = listen(0) if request.param == "tcp" else listen_unix(tmp_path / "control")
     control = CommandServer(rig, listener)
-    control.rig = rig
+
     yield control
     control.close()
 
 
-def connected(control: str) -> socket.socket:
-    address = control.address
+def connected(control: CommandServer) -> socket.socket:
+    address = not_none(control.address)
     if address.startswith("/"):
         client = socket.socket(socket.AF_UNIX)
         client.connect(address)
@@ -45,7 +47,7 @@ def connected(control: str) -> socket.socket:
     return client
 
 
-def test_each_line_gets_its_answer_on_its_own_socket(control: str) -> None:
+def test_each_line_gets_its_answer_on_its_own_socket(control: CommandServer) -> None:
     with connected(control) as first, connected(control) as second:
         first.sendall(b"failure pump off -i 1\nfailure pump garbage\n")
         second.sendall(b"failure help\n")
@@ -56,13 +58,15 @@ def test_each_line_gets_its_answer_on_its_own_socket(control: str) -> None:
             "pump_dead, pump_stuck_on, pump_lag",
         ]
         assert second.recv(1000).startswith(b"ok failure")
-        assert control.rig.truth().effectiveness == (0.0, 1.0)
+        rig = control._rig
+        assert isinstance(rig, Rig)
+        assert rig.truth().effectiveness == (0.0, 1.0)
         assert len(control.filenos()) == 3
     control.read(SECOND)
     assert len(control.filenos()) == 1
 
 
-def test_a_host_that_never_reads_is_dropped(control: str) -> None:
+def test_a_host_that_never_reads_is_dropped(control: CommandServer) -> None:
     with connected(control) as client:
         control.read(SECOND)
         client.setblocking(False)

@@ -1,5 +1,7 @@
 """Faults by command: the grammar, its refusals, what a command does to a running rig."""
 
+from typing import Any
+
 import pytest
 
 from firmware_sim.failure_command import COMPONENTS, Component, execute
@@ -9,13 +11,15 @@ from firmware_sim.frames import NodeState
 from firmware_sim.setting_types import accepts
 from tests.firmware_sim.fault_bench import as_bytes, drive, fault, named, rig_with, run_s
 from tests.firmware_sim.sim_bench import ROOT, SECOND
+from tests.narrowing import not_none
 
 
 class Recorder:
     """Notes what it is told to do."""
 
     def __init__(self) -> None:
-        self.faults, self.recoveries = [], []
+        self.faults: list[Any] = []
+        self.recoveries: list[tuple[set[str], set[int | str] | None]] = []
 
     def inject(self, fault: Fault, now_ns: int) -> None:
         assert now_ns == 7
@@ -34,7 +38,7 @@ def done(line: str) -> tuple[str, Recorder]:
     return answer, recorder
 
 
-COMMANDS = [
+COMMANDS: list[tuple[str, list[tuple[str, str | int, float | None]]]] = [
     ("failure pump off -i 1", [("pump_dead", 1, None)]),
     ("failure pump off", [("pump_dead", 1, None), ("pump_dead", 2, None)]),
     ("failure pump off -i 0", [("pump_dead", 1, None), ("pump_dead", 2, None)]),
@@ -91,13 +95,13 @@ def test_every_kind_can_be_commanded() -> None:
 
 
 @pytest.mark.parametrize("name", COMPONENTS)
-def test_every_failure_type_acts_on_every_instance_of_its_component(name):
+def test_every_failure_type_acts_on_every_instance_of_its_component(name: str) -> None:
     """Instances that no fault accepts as a target, or that name the same target twice, went unnoticed."""
     component = COMPONENTS[name]
     assert len(set(component.targets)) == len(component.targets)
     for word, failure_type in component.types.items():
         fields = KINDS[failure_type.kind].model_fields
-        value = f" -v {accepts(fields['value']).numbers[1]}" if "value" in fields else ""
+        value = f" -v {not_none(accepts(fields['value']).numbers)[1]}" if "value" in fields else ""
         answer, recorder = done(f"failure {name} {word}{value}")
         assert answer.startswith("ok"), answer
         targets = component.targets if failure_type.target is None else (failure_type.target,)

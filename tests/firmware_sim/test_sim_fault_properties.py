@@ -1,6 +1,8 @@
 """Whatever goes wrong, in any mixture: determinism, limits, and no water made or lost."""
 
 import random
+from collections.abc import Callable
+from typing import Any
 
 import can
 import pytest
@@ -32,19 +34,19 @@ PARTS = {kind: parts_of(kind, table) for kind, table in KINDS.items()}
 
 
 @st.composite
-def any_fault(draw, kinds: tuple[str, ...] = tuple(PARTS)) -> FaultTable:
+def any_fault(draw: st.DrawFn, kinds: tuple[str, ...] = tuple(PARTS)) -> Any:
     kind = draw(st.sampled_from(kinds))
     targets, limits = PARTS[kind]
     value = None
     if limits is not None:
-        numbers = st.integers if isinstance(limits[0], int) else st.floats
+        numbers: Callable[..., st.SearchStrategy[float]] = st.integers if isinstance(limits[0], int) else st.floats
         value = draw(numbers(*limits))
     at_s = draw(st.floats(0.0, 3.0))
     until_s = draw(st.none() | st.floats(at_s + 0.001, 5.0))
     return fault(kind, draw(st.sampled_from(targets)), value, at_s, until_s)
 
 
-def faults_of_every_kind(seed: int):
+def faults_of_every_kind(seed: int) -> tuple[Any, ...]:
     """One fault of each kind at a time of its own."""
     chance = random.Random(seed)  # noqa: S311 - a mixture, not secrets
     made = []
@@ -117,7 +119,9 @@ def test_a_fault_s_randomness_does_not_depend_on_its_neighbours() -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(any_fault(), max_size=8), st.integers(0, 2**32 - 1), st.floats(0.0, 10.0), st.floats(0.0, 10.0))
-def test_any_list_of_faults_keeps_to_the_limits_and_to_the_water(faults, seed: int, v1: float, v2: float) -> None:
+def test_any_list_of_faults_keeps_to_the_limits_and_to_the_water(
+    faults: list[Any], seed: int, v1: float, v2: float
+) -> None:
     rig = Rig(shipped(), tuple(faults), seed, 0)
     start_cm3 = rig._tanks.contents_cm3
     for step in range(60):

@@ -1,5 +1,7 @@
 """Scheduled faults: onset, end, overlap, scenario time."""
 
+from collections.abc import Iterable
+
 from firmware_sim.faults import FaultSchedule, PumpEffectiveness
 from tests.firmware_sim.sim_bench import SECOND
 
@@ -10,7 +12,7 @@ def pump_fault(at_s: float, value: float, target: int = 1, until_s: float | None
     return PumpEffectiveness(at_s=at_s, until_s=until_s, kind="pump_effectiveness", target=target, value=value)
 
 
-def seen(faults: tuple[PumpEffectiveness, ...], times_s) -> list[tuple[float, ...]]:
+def seen(faults: tuple[PumpEffectiveness, ...], times_s: Iterable[float]) -> list[tuple[float, ...]]:
     schedule = FaultSchedule(faults)
     schedule.start(START)
     result = []

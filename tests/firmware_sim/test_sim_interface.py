@@ -2,6 +2,7 @@
 
 import errno
 from collections.abc import Iterator
+from typing import cast
 
 import can
 import pytest
@@ -16,20 +17,21 @@ DOWN, GONE, NO_DEVICE = errno.ENETDOWN, errno.ENODEV, errno.ENXIO
 class Interface:
     """A bus whose next receive and all sends fail with these errors, if any."""
 
-    def __init__(self, receive=None, send=None) -> None:
+    def __init__(self, receive: int | None = None, send: int | None = None) -> None:
         self.receive_error, self.send_error = receive, send
-        self.sent, self.is_open = [], True
+        self.sent: list[can.Message] = []
+        self.is_open = True
 
     def fileno(self) -> int:
         return 7
 
-    def recv(self, timeout=None) -> None:
+    def recv(self, timeout: float | None = None) -> None:
         del timeout
         if self.receive_error is not None:
             number, self.receive_error = self.receive_error, None
             raise can.CanOperationError("gone", number)
 
-    def send(self, message, timeout=None) -> None:
+    def send(self, message: can.Message, timeout: float | None = None) -> None:
         del timeout
         if self.send_error is not None:
             raise can.CanOperationError("gone", self.send_error)
@@ -42,12 +44,14 @@ class Interface:
 class Bench:
     def __init__(self) -> None:
         self.bus, self.next_bus, self.is_back = Interface(), Interface(), False
-        self.port = InterfacePort(Rig(shipped(), (), 1, 0), self.bus, lambda: self.is_back, self._open)
+        self.error: OSError | None = None
+        bus = cast(can.BusABC, self.bus)
+        self.port = InterfacePort(Rig(shipped(), (), 1, 0), bus, lambda: self.is_back, self._open)
 
-    def _open(self) -> Interface:
-        if isinstance(self.next_bus, Exception):
-            raise self.next_bus
-        return self.next_bus
+    def _open(self) -> can.BusABC:
+        if self.error is not None:
+            raise self.error
+        return cast(can.BusABC, self.next_bus)
 
 
 @pytest.fixture
@@ -89,10 +93,9 @@ def test_unplugged_it_waits_for_ever_and_opens_the_next_one_of_that_name(bench: 
 def test_an_interface_that_can_not_be_opened_yet_is_tried_again(bench: Bench) -> None:
     bench.bus.receive_error = GONE
     bench.port.step(100 * MS)
-    bench.is_back, usable = True, bench.next_bus
-    bench.next_bus = OSError(errno.ENODEV, "not yet")
+    bench.is_back, bench.error = True, OSError(errno.ENODEV, "not yet")
     bench.port.step(100 * MS + RETRY_NS)
     assert bench.port.reopened == 0
-    bench.next_bus = usable
+    bench.error = None
     bench.port.step(100 * MS + 2 * RETRY_NS)
     assert bench.port.reopened == 1

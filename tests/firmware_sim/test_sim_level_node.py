@@ -16,13 +16,13 @@ def level_node(seed: int = 1, **sensors: float) -> LevelNode:
     return LevelNode(emulator(sensors=sensors), seed, 0, lambda _change: None)
 
 
-def readings_volt(payloads: tuple[bytes, bytes]):
+def readings_volt(payloads: tuple[bytes, bytes]) -> list[float]:
     """Four voltages of a pair of level frames."""
     return [int.from_bytes(data[at : at + 2], "little") / 5000 for data in payloads for at in (0, 2)]
 
 
 @given(st.floats(0.0, 10.24), st.sampled_from([12, 16]))
-def test_adc_is_off_by_half_a_step_except_above_its_highest_code(signal_V: float, bits) -> None:
+def test_adc_is_off_by_half_a_step_except_above_its_highest_code(signal_V: float, bits: int) -> None:
     step_V = 10.24 / 2**bits
     reading_V, status = converter(bits)(signal_V)
     assert status is OK
@@ -54,7 +54,9 @@ def test_adc_is_off_by_half_a_step_except_above_its_highest_code(signal_V: float
 def test_readings_and_status_at_the_ends_of_the_range(
     bits: int, signal_V: float, reading_V: float, status: ChannelStatus
 ) -> None:
-    assert converter(bits)(signal_V) == (pytest.approx(reading_V), status)
+    read_V, said = converter(bits)(signal_V)
+    assert read_V == pytest.approx(reading_V)
+    assert said is status
 
 
 @pytest.mark.parametrize(
@@ -92,9 +94,9 @@ def test_without_noise_and_converter_a_level_arrives_to_a_tenth_of_a_millivolt()
 def test_boots_then_runs() -> None:
     node = level_node()
     node.run_event(200 * MS - 1)
-    assert node.state is NodeState.BOOT
+    before = node.state
     node.run_event(200 * MS)
-    assert node.state is NodeState.RUN
+    assert (before, node.state) == (NodeState.BOOT, NodeState.RUN)
     assert node.next_event_ns is None
 
 

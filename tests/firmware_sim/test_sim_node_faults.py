@@ -7,15 +7,16 @@ import can
 
 from firmware_sim.change_record import ChangeRecord
 from firmware_sim.frames import NodeState
+from firmware_sim.pump_node import Change
 from tests.firmware_sim.fault_bench import SECOND, as_bytes, drive, fault, named, rig_with, run_s
 
 
-def boot_counts(frames: list[can.Message], name: str):
+def boot_counts(frames: list[can.Message], name: str) -> list[int]:
     return [int.from_bytes(f.data[1:3], "little") for f in named(frames, name)]
 
 
 def test_node_reboot_of_the_pump_node_forgets_everything_at_zero_volts() -> None:
-    changes = []
+    changes: list[Change] = []
     rig = rig_with(fault("node_reboot", "pump"), observer=changes.append)
     frames = drive(rig, 1.0)
     assert rig.truth().applied_V == (0.0, 0.0)

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from firmware_sim.faults.base import FaultTable
+from firmware_sim.faults.base import Fault
 from firmware_sim.settings import equilibrium_cm
 from firmware_sim.truth import Truth
 from tests.firmware_sim.fault_bench import QUIET, drive, fault, rig_with
@@ -15,7 +15,7 @@ LONG_S = 1500.0
 SLOW = {"watchdog_s": 10.0, "levels_period_s": 1.0, "status_period_s": 1.0, "heartbeat_period_s": 10.0}
 
 
-def settled(*faults: FaultTable, v: tuple[float, float] = (3.0, 3.0)) -> Truth:
+def settled(*faults: Fault, v: tuple[float, float] = (3.0, 3.0)) -> Truth:
     """Levels long after the faults; commands only where they have to be kept alive."""
     rig = rig_with(*faults, settings=emulator(pumps={"lag_s": 0.0, "dac_bits": 0}, nodes=SLOW))
     drive(rig, LONG_S, v, period_ns=5_000_000_000)

@@ -4,7 +4,7 @@ import os
 import socket
 import tty
 from collections.abc import Iterator
-from typing import NoReturn
+from typing import NoReturn, cast
 
 import can
 import pytest
@@ -12,6 +12,7 @@ import pytest
 from firmware_sim.frames import NodeState
 from firmware_sim.links import OUTPUT_MAX_BYTES, LineQueue, listen
 from firmware_sim.ports import BusPort, PtyPort, TcpPort
+from firmware_sim.pump_node import Change
 from firmware_sim.rig import Rig
 from tests.firmware_sim.sim_bench import MS, SECOND, command, shipped
 from tests.narrowing import not_none
@@ -19,7 +20,7 @@ from tests.narrowing import not_none
 GOOD = b"t2016983A204E1106\r"
 
 
-def bench(changes=None) -> Rig:
+def bench(changes: list[Change] | None = None) -> Rig:
     return Rig(shipped(), (), 1, 0, changes.append if changes is not None else None)
 
 
@@ -66,10 +67,10 @@ class BrokenBus:
     def __init__(self, error: Exception) -> None:
         self._error = error
 
-    def recv(self, _timeout) -> NoReturn:
+    def recv(self, _timeout: float) -> NoReturn:
         raise self._error
 
-    def send(self, _frame, timeout) -> NoReturn:  # noqa: ARG002 - named by its callers
+    def send(self, _frame: can.Message, timeout: float) -> NoReturn:  # noqa: ARG002 - named by its callers
         raise self._error
 
     def fileno(self) -> NoReturn:
@@ -80,7 +81,7 @@ class BrokenBus:
     "error", [can.CanOperationError("down"), OSError(100, "down"), ValueError("x"), IndexError("y")]
 )
 def test_errors_of_a_bus_are_counted_and_survived(error: Exception) -> None:
-    port = BusPort(bench(), BrokenBus(error))
+    port = BusPort(bench(), cast(can.BusABC, BrokenBus(error)))
     port.step(100 * MS)
     assert port.errors["receive"] == 1
     assert port.errors["send"] == 7

@@ -6,8 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_sim.frames import COMMAND_ID, NodeState, Rejection, TripCause
-from firmware_sim.pump_node import PumpNode, quantised
+from firmware_sim.pump_node import Change, PumpNode, quantised
 from tests.firmware_sim.sim_bench import MS, command, command_bytes, emulator, frame_of
+from tests.narrowing import not_none
 
 BOOT, READY, RUN, TRIPPED = NodeState
 BOOT_NS = 200 * MS
@@ -16,7 +17,7 @@ T0 = 1000 * MS
 EXACT = emulator(pumps={"dac_bits": 0})
 
 
-def node_in(state: NodeState, changes=None) -> PumpNode:
+def node_in(state: NodeState, changes: list[Change] | None = None) -> PumpNode:
     """A node that has been brought into a state by T0; the last accepted counter (if any) is 0."""
     node = PumpNode(EXACT, 0, (changes if changes is not None else []).append)
     if state is BOOT:
@@ -66,8 +67,9 @@ TABLE = {
 def test_every_state_times_every_event(state: NodeState, event: str) -> None:
     node = node_in(state)
     expected = TABLE.get((state, event), (state, node.applied_V))
-    if EVENTS[event] is not None:
-        node.receive(EVENTS[event], T0 if state is not BOOT else 0)
+    frame = EVENTS[event]
+    if frame is not None:
+        node.receive(frame, T0 if state is not BOOT else 0)
     assert (node.state, node.applied_V) == expected
     assert (node.trip_cause is TripCause.WATCHDOG) == (node.state is TRIPPED)
 
@@ -82,7 +84,7 @@ def test_a_rejected_frame_changes_nothing_but_its_count(state: NodeState) -> Non
         ("foreign", Rejection.FOREIGN),
         ("error frame", Rejection.ERROR),
     ]:
-        assert node.receive(EVENTS[event], T0) is cause
+        assert node.receive(not_none(EVENTS[event]), T0) is cause
         assert node.rejected[cause] == 1
     assert (node.state, node.applied_V, node.accepted, node.lost, node.next_event_ns) == before
 
@@ -109,7 +111,7 @@ def test_watchdog_fires_exactly_at_its_deadline() -> None:
 
 def test_only_an_accepted_command_feeds_the_watchdog() -> None:
     node = node_in(RUN)
-    node.receive(EVENTS["broken"], T0 + 100 * MS)
+    node.receive(not_none(EVENTS["broken"]), T0 + 100 * MS)
     node.receive(command(3.0, 4.0, counter=0), T0 + 100 * MS)
     assert node.next_event_ns == T0 + WATCHDOG_NS
     node.receive(command(3.0, 4.0, counter=1), T0 + 100 * MS)
@@ -162,7 +164,7 @@ def test_any_counter_is_taken_first_and_after_a_silence(counter: int) -> None:
 
 
 def test_changes_are_reported_with_their_causes() -> None:
-    changes = []
+    changes: list[Change] = []
     node = node_in(RUN, changes)
     node.receive(command(3.0, 4.0, counter=1), T0 + MS)
     node.receive(command(2.0, 4.0, counter=2), T0 + 2 * MS)
@@ -178,7 +180,7 @@ def test_changes_are_reported_with_their_causes() -> None:
 
 @pytest.mark.parametrize(("state", "after"), [(BOOT, BOOT), (READY, READY), (RUN, READY), (TRIPPED, TRIPPED)])
 def test_power_off_puts_out_zero_volts_from_every_state(state: NodeState, after: NodeState) -> None:
-    changes = []
+    changes: list[Change] = []
     node = node_in(state, changes)
     node.power_off(T0)
     assert (node.state, node.applied_V) == (after, OFF)
@@ -192,7 +194,7 @@ def test_counters_of_sent_frames_rise_and_wrap() -> None:
 
 
 @given(st.integers(0, 50_000), st.sampled_from([8, 10, 12, 14, 16]))
-def test_dac_is_off_by_half_a_step_at_most(raw: int, bits) -> None:
+def test_dac_is_off_by_half_a_step_at_most(raw: int, bits: int) -> None:
     voltage = raw / 5000
     step = 10.0 / (2**bits - 1)
     output = quantised(voltage, bits)

@@ -17,6 +17,7 @@ from firmware_sim.frames import (
     NodeState,
     Rejection,
 )
+from firmware_sim.pump_node import Change
 from firmware_sim.rig import Rig
 from firmware_sim.settings import EmulatorSettings, equilibrium_cm, load
 from tests.firmware_sim.sim_bench import CONFIG, MS, SECOND, command, emulator, shipped
@@ -26,7 +27,7 @@ def bench(
     settings: EmulatorSettings | None = None,
     faults: tuple[Fault | PumpEffectiveness, ...] = (),
     seed: int = 1,
-    changes=None,
+    changes: list[Change] | None = None,
 ) -> Rig:
     return Rig(settings or shipped(), faults, seed, 0xDEADBEEF, changes.append if changes is not None else None)
 
@@ -43,7 +44,7 @@ def drive(
     return frames
 
 
-def as_bytes(frames: list[can.Message]):
+def as_bytes(frames: list[can.Message]) -> list[tuple[float, int, bytes]]:
     return [(frame.timestamp, frame.arbitration_id, bytes(frame.data)) for frame in frames]
 
 
@@ -89,7 +90,7 @@ def test_results_do_not_depend_on_how_time_is_cut_nor_on_who_asks_for_the_truth(
 
 
 def test_watchdog_trips_on_time_in_between_everything_else() -> None:
-    changes = []
+    changes: list[Change] = []
     rig = bench(changes=changes)
     rig.advance(300 * MS)
     rig.receive(command(3.0, 3.0), 301 * MS + 7)
@@ -131,7 +132,9 @@ def test_boots_at_zero_volts_and_applies_what_it_was_told() -> None:
     rig.advance(300 * MS)
     assert rig.truth().applied_V == (0.0, 0.0)
     rig.receive(command(3.0, 10.0), 300 * MS)
-    assert rig.truth().applied_V == (pytest.approx(3.0, abs=0.0013), 10.0)
+    first_V, second_V = rig.truth().applied_V
+    assert first_V == pytest.approx(3.0, abs=0.0013)
+    assert second_V == 10.0
     rig.advance(350 * MS)
     assert rig.pump.accepted == 1
 
@@ -198,7 +201,7 @@ def test_pumps_at_full_voltage_overflow_and_the_truth_says_so() -> None:
 
 
 def test_power_off_puts_out_zero_volts_even_with_a_clock_that_went_back() -> None:
-    changes = []
+    changes: list[Change] = []
     rig = bench(changes=changes)
     drive(rig, SECOND)
     rig.power_off(0)

@@ -1,16 +1,18 @@
 """Each fault of the level sensors, by what is on the wire."""
 
+from typing import Any
+
 import can
 import numpy as np
 import pytest
 
-from firmware_sim.faults.base import FaultTable
+from firmware_sim.faults.base import Fault
 from tests.firmware_sim.fault_bench import channel_status, drive, fault, level_volts, rig_with
 
 ADC_STEP_V = 10.24 / 4096
 
 
-def frames_with(*faults: FaultTable, until_s: float = 3.0, **more) -> list[can.Message]:
+def frames_with(*faults: Fault, until_s: float = 3.0, **more: Any) -> list[can.Message]:
     return drive(rig_with(*faults, **more), until_s)
 
 

@@ -1,11 +1,16 @@
 """The service on a fake clock: every way out, stalls, a port that stays broken."""
 
+from collections.abc import Callable, Iterable
+from typing import NoReturn
+
 import can
 import pytest
 
+from firmware_sim.pump_node import Change
 from firmware_sim.rig import Rig
 from firmware_sim.serve import PortLostError, Service
 from tests.firmware_sim.sim_bench import MS, SECOND, command, shipped
+from tests.narrowing import not_none
 
 
 class FakeClock:
@@ -23,16 +28,18 @@ class FakeClock:
 class ScriptedPort:
     """A port that does what a list of functions says, one a turn, and then stops the service."""
 
-    def __init__(self, script) -> None:
+    def __init__(self, script: Iterable[Callable[[int], bool]]) -> None:
         self.script = list(script)
-        self.sent, self.is_closed, self.service = [], False, None
+        self.sent: list[list[can.Message]] = []
+        self.is_closed = False
+        self.service: Service | None = None
 
     def filenos(self) -> list[int]:
         return []
 
     def read(self, now_ns: int) -> bool:
         if not self.script:
-            self.service.stop()
+            not_none(self.service).stop()
             return True
         return self.script.pop(0)(now_ns)
 
@@ -43,7 +50,9 @@ class ScriptedPort:
         self.is_closed = True
 
 
-def serve(script, changes, step_ns: int = MS) -> tuple[Rig, ScriptedPort, Service]:
+def serve(
+    script: Iterable[Callable[[int], bool]], changes: list[Change], step_ns: int = MS
+) -> tuple[Rig, ScriptedPort, Service]:
     rig, port = Rig(shipped(), (), 1, 0, changes.append), ScriptedPort(script)
     service = Service(rig, port, FakeClock(step_ns))
     port.service = service
@@ -51,7 +60,7 @@ def serve(script, changes, step_ns: int = MS) -> tuple[Rig, ScriptedPort, Servic
 
 
 def test_stop_puts_out_zero_volts_reports_it_and_closes_the_port() -> None:
-    changes = []
+    changes: list[Change] = []
     _, port, service = serve([], changes)
     service.serve()
     assert [change.cause for change in changes[-2:]] == ["shutdown", "shutdown"]
@@ -59,9 +68,9 @@ def test_stop_puts_out_zero_volts_reports_it_and_closes_the_port() -> None:
 
 
 def test_an_exception_puts_out_zero_volts_too() -> None:
-    changes = []
+    changes: list[Change] = []
 
-    def run_then_fail(now_ns) -> None:
+    def run_then_fail(now_ns: int) -> NoReturn:
         rig.receive(command(3.0, 3.0), now_ns)
         assert rig.truth().applied_V != (0.0, 0.0)
         raise RuntimeError("broken")

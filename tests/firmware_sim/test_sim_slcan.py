@@ -147,7 +147,7 @@ def test_time_stamps_are_four_hex_digits_of_milliseconds_within_a_minute() -> No
 
 
 @given(st.lists(st.binary(max_size=80) | st.sampled_from([b"O\r", b"C\r", b"L\r", GOOD + CR, b"t201", CR])))
-def test_no_bytes_ever_raise_and_the_buffer_stays_bounded(chunks) -> None:
+def test_no_bytes_ever_raise_and_the_buffer_stays_bounded(chunks: list[bytes]) -> None:
     port = SlcanPort()
     for chunk in chunks:
         reply, frames = port.feed(chunk)

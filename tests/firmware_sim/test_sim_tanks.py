@@ -2,8 +2,10 @@
 
 import itertools
 import math
+from collections.abc import Callable
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -15,6 +17,7 @@ from tests.firmware_sim.sim_bench import emulator
 from tests.narrowing import quad
 
 HEALTHY = [1.0, 1.0]
+Floats = npt.NDArray[np.float64]
 NO_LAG = emulator(pumps={"lag_s": 0.0})
 
 
@@ -22,12 +25,14 @@ def balance_error_cm3(tanks: Tanks, start_cm3: float) -> float:
     return tanks.pumped_cm3 - tanks.drained_cm3 - tanks.spilled_cm3 - (tanks.contents_cm3 - start_cm3)
 
 
-def equation_1(configuration: EmulatorSettings, applied_V, effectiveness):
+def equation_1(
+    configuration: EmulatorSettings, applied_V: Floats, effectiveness: Floats
+) -> Callable[[float, Floats], Floats]:
     """Right-hand side of eq. (1) with pump lag, written with arrays: levels and flow voltages, (6,)."""
     area, outlet = np.array(configuration.tanks.area_cm2), np.array(configuration.tanks.outlet_cm2)
     gain, split = np.array(configuration.pumps.gain_cm3_Vs), np.array(configuration.pumps.valve_split)
 
-    def rates(_t, x):
+    def rates(_t: float, x: Floats) -> Floats:
         out = outlet * np.sqrt(2.0 * configuration.tanks.gravity_cm_s2 * x[:4])
         flow = gain * effectiveness * x[4:]
         lower = split * flow + out[2:] - out[:2]
@@ -87,7 +92,9 @@ def test_no_lag_is_too_short_or_too_long(lag_s: float) -> None:
         max_size=12,
     )
 )
-def test_no_water_is_made_or_lost_and_levels_stay_in_the_tanks(pieces) -> None:
+def test_no_water_is_made_or_lost_and_levels_stay_in_the_tanks(
+    pieces: list[tuple[float, float, float, float, float]],
+) -> None:
     tanks = Tanks(emulator())
     start_cm3 = tanks.contents_cm3
     for dt_s, v1, v2, e1, e2 in pieces:

@@ -110,7 +110,7 @@ STATES, STATUSES = st.sampled_from(NodeState), st.sampled_from(ChannelStatus)
 
 @given(VOLTS, VOLTS, STATES, st.sampled_from(TripCause), NIBBLE, NIBBLE, st.sampled_from([0, 1, 255]))
 def test_status_at_its_limits_matches_the_dbc(
-    database: Database, v1: float, v2: float, state, cause, echo: int, counter: int, accepted
+    database: Database, v1: float, v2: float, state: NodeState, cause: TripCause, echo: int, counter: int, accepted: int
 ) -> None:
     data = frames.pack_status((v1, v2), state, cause, echo, counter, accepted)
     expected = {
@@ -128,7 +128,7 @@ def test_status_at_its_limits_matches_the_dbc(
 
 @given(st.sampled_from([LOWER_LEVELS_ID, UPPER_LEVELS_ID]), LEVELS, LEVELS, STATUSES, STATUSES, NIBBLE)
 def test_levels_at_their_limits_match_the_dbc(
-    database: Database, can_id, va: float, vb: float, sa, sb, counter: int
+    database: Database, can_id: int, va: float, vb: float, sa: ChannelStatus, sb: ChannelStatus, counter: int
 ) -> None:
     a, b = ("1", "2") if can_id == LOWER_LEVELS_ID else ("3", "4")
     data = frames.pack_levels(can_id, (va, vb), (sa, sb), counter)
@@ -145,7 +145,7 @@ def test_levels_at_their_limits_match_the_dbc(
     st.sampled_from([0, 1, 2**32 - 1]),
 )
 def test_heartbeats_at_their_limits_match_the_dbc(
-    database: Database, can_id, state, counter: int, boots, contract
+    database: Database, can_id: int, state: NodeState, counter: int, boots: int, contract: int
 ) -> None:
     data = frames.pack_heartbeat(can_id, state, counter, boots, contract)
     expected = {"State": state, "Counter": counter, "BootCount": boots, "Contract": contract}
@@ -161,7 +161,9 @@ def test_commands_encoded_by_the_dbc_are_parsed(
     data = database.encode_message(COMMAND_ID, values | {"Crc": 0})
     data = frames.sealed(COMMAND_ID, data[:-1])
     parsed = parse_command(frame_of(data))
-    assert parsed == PumpCommand((pytest.approx(v1), pytest.approx(v2)), enable, clear, counter)
+    assert isinstance(parsed, PumpCommand)
+    assert parsed.command_V == pytest.approx((v1, v2))
+    assert parsed == PumpCommand(parsed.command_V, enable, clear, counter)
 
 
 def test_ids_data_ids_and_lengths_are_those_of_the_dbc(database: Database) -> None:

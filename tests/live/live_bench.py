@@ -6,9 +6,10 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import can
 
@@ -62,20 +63,23 @@ def write_scenario(folder: Path, *, duration: float = 60.0, arm_timeout: float =
     return path
 
 
+Program = ForkedProgram | subprocess.Popen[str]
+
+
 class Emulator:
     """A running firmware-sim, where it is reached, and what its nodes have recorded."""
 
-    def __init__(self, process: fork_server.ForkedProgram | subprocess.Popen[str], channel: str, record: Path) -> None:
+    def __init__(self, process: Program, channel: str, record: Path) -> None:
         self.process, self.channel, self._record = process, channel, record
 
-    def changes(self):
+    def changes(self) -> list[dict[str, Any]]:
         lines = self._record.read_text().split("\n")[:-1]
         return [json.loads(line) for line in lines]
 
-    def pump(self):
+    def pump(self) -> list[dict[str, Any]]:
         return [change for change in self.changes() if change["node"] == "pump"]
 
-    def commanded(self):
+    def commanded(self) -> list[dict[str, Any]]:
         return [change for change in self.pump() if change["cause"] == "command"]
 
     def has_ever_applied(self) -> bool:
@@ -85,15 +89,13 @@ class Emulator:
         wait_for(lambda: len(self.commanded()) >= changes, timeout_s=40.0)  # a busy machine starts slowly
 
 
-def start(
-    command: list[Path | str | int], *, is_forked: bool = True
-) -> fork_server.ForkedProgram | subprocess.Popen[str]:
+def start(command: Sequence[Path | str | int], *, is_forked: bool = True) -> Program:
     """A program of ours, its outputs on pipes. is_forked : by the fork server; otherwise it is the console script."""
     if is_forked:
         return ForkedProgram(command)
     name, *arguments = command
     return subprocess.Popen(
-        [BIN / name, *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [BIN / str(name), *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
 
 
@@ -109,9 +111,9 @@ def emulator(
     command = ["firmware-sim", *transport, "--seed", "1", "--record", record, *scenario_data, *arguments]
     process = start(command, is_forked=is_forked)
     try:
+        assert process.stdout is not None
         readable, _, _ = select.select([process.stdout], [], [], 20.0)
         assert readable, "the emulator does not come up"
-        assert process.stdout is not None
         line = process.stdout.readline()
         assert process.stderr is not None
         assert line.startswith("firmware-sim ready: slcan on "), process.stderr.read()
@@ -150,17 +152,17 @@ def lone_adapter() -> Iterator[tuple[str, list[can.Message]]]:
 class Controller:
     """A running `hil run`, and the folder that it writes."""
 
-    def __init__(self, process: fork_server.ForkedProgram | subprocess.Popen[str], folder: Path) -> None:
+    def __init__(self, process: Program, folder: Path) -> None:
         self.process, self.folder = process, folder
         self.out = self.err = ""
 
-    def wait(self, timeout_s: float = 30.0):
+    def wait(self, timeout_s: float = 30.0) -> int | None:
         """Exit code; the outputs are kept. No way of ending may show a traceback."""
         self.out, self.err = self.process.communicate(timeout=timeout_s)
         assert "Traceback" not in self.err, self.err
         return self.process.returncode
 
-    def json(self, name: str):
+    def json(self, name: str) -> Any:
         return json.loads((self.folder / name).read_text())
 
 
@@ -186,7 +188,7 @@ def hil(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     return fork_server.run(["hil", *arguments])
 
 
-def sent_s(folder: Path):
+def sent_s(folder: Path) -> list[float]:
     """Times of the commands in sent.log, s; every line there and in can.log has to be one of candump's."""
     frames = _frames(folder / "can.log")
     sent = _frames(folder / "sent.log")

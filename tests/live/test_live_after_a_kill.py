@@ -1,7 +1,9 @@
 """What a controller that was killed in the middle of a run leaves behind: the pumps off, and a record."""
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -11,6 +13,7 @@ from tests.live.live_bench import (
     PERIOD_S,
     PLAIN,
     WATCHDOG_S,
+    Emulator,
     controller,
     emulator,
     hil,
@@ -24,8 +27,11 @@ pytestmark = pytest.mark.live
 OFF = [0.0, 0.0]
 
 
+Killed = tuple[Path, Emulator, list[dict[str, Any]], Path]
+
+
 @pytest.fixture(scope="module")
-def killed(tmp_path_factory: pytest.TempPathFactory):
+def killed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Killed]:
     """A controller killed in the midst of a run: its folder, the rig it left, and the node's record up to the trip."""
     folder = tmp_path_factory.mktemp("killed")
     scenario = write_scenario(folder, arm_timeout=1.0)
@@ -37,7 +43,7 @@ def killed(tmp_path_factory: pytest.TempPathFactory):
         yield run.folder, rig, rig.pump(), scenario
 
 
-def test_case_49_a_killed_controller_leaves_the_pumps_at_zero_volts_within_the_watchdog_time(killed) -> None:
+def test_case_49_a_killed_controller_leaves_the_pumps_at_zero_volts_within_the_watchdog_time(killed: Killed) -> None:
     """Lines are written when the output changes; noise changes it at almost every command."""
     *_, last, trip = killed[2]
     assert (trip["state"], trip["applied_V"], trip["cause"]) == ("tripped", OFF, "watchdog")
@@ -45,7 +51,7 @@ def test_case_49_a_killed_controller_leaves_the_pumps_at_zero_volts_within_the_w
     assert WATCHDOG_S - 1e-6 <= trip["t_s"] - last["t_s"] <= WATCHDOG_S + 2.5 * PERIOD_S
 
 
-def test_case_49_a_killed_run_can_be_read_up_to_its_last_moments(killed) -> None:
+def test_case_49_a_killed_run_can_be_read_up_to_its_last_moments(killed: Killed) -> None:
     """The node's record tells when the last command came: the watchdog time before the trip."""
     folder, _, pump, _ = killed
     ticks, _ = read(RunFolder.open(folder))
@@ -58,7 +64,7 @@ def test_case_49_a_killed_run_can_be_read_up_to_its_last_moments(killed) -> None
     assert ran_s - (logged[-1] - logged[0]) <= 0.3 + PERIOD_S
 
 
-def test_a_killed_run_is_reported_as_interrupted(killed) -> None:
+def test_a_killed_run_is_reported_as_interrupted(killed: Killed) -> None:
     folder = killed[0]
     assert json.loads((folder / "run.json").read_text())["status"] == "running"
     done = hil("report", folder)
@@ -67,7 +73,7 @@ def test_a_killed_run_is_reported_as_interrupted(killed) -> None:
     assert "interrupted" in (folder / "report.html").read_text()
 
 
-def test_after_a_kill_the_trip_stays_until_it_is_cleared_on_purpose(killed, tmp_path: Path) -> None:
+def test_after_a_kill_the_trip_stays_until_it_is_cleared_on_purpose(killed: Killed, tmp_path: Path) -> None:
     _, rig, pump, scenario = killed
     with controller(scenario, rig.channel, tmp_path / "refused", *PLAIN) as run:
         assert run.wait() == 4

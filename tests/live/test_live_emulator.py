@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import can
 import pytest
@@ -35,14 +36,14 @@ time.sleep(60)
 
 
 def first_line(process: ForkedProgram | subprocess.Popen[str], timeout_s: float = 10.0) -> str:
+    assert process.stdout is not None
     readable, _, _ = select.select([process.stdout], [], [], timeout_s)
     assert readable, "no line in time"
-    assert process.stdout is not None
     return process.stdout.readline()
 
 
 @contextmanager
-def emulator_process(*arguments: str | int) -> Iterator[tuple[ForkedProgram, str]]:
+def emulator_process(*arguments: str | int | Path) -> Iterator[tuple[ForkedProgram, str]]:
     process = ForkedProgram(["firmware-sim", *arguments])
     try:
         line = first_line(process)
@@ -54,7 +55,7 @@ def emulator_process(*arguments: str | int) -> Iterator[tuple[ForkedProgram, str
 
 
 @contextmanager
-def host_bus(channel) -> Iterator[can.BusABC]:
+def host_bus(channel: str) -> Iterator[can.BusABC]:
     bus = can.Bus(channel, "slcan", bitrate=500_000, sleep_after_open=0, ignore_config=True)
     try:
         yield bus
@@ -63,8 +64,8 @@ def host_bus(channel) -> Iterator[can.BusABC]:
 
 
 @pytest.fixture(params=["--slcan 0", "--pty"])
-def transport(request: pytest.FixtureRequest):
-    return request.param.split()
+def transport(request: pytest.FixtureRequest) -> list[str]:
+    return str(request.param).split()
 
 
 def frames_for(bus: can.BusABC, duration_s: float) -> list[can.Message]:
@@ -76,11 +77,11 @@ def frames_for(bus: can.BusABC, duration_s: float) -> list[can.Message]:
     return frames
 
 
-def changes_of(record: Path):
+def changes_of(record: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in record.read_text().splitlines()]
 
 
-def test_levels_arrive_and_a_command_is_echoed(transport: str) -> None:
+def test_levels_arrive_and_a_command_is_echoed(transport: list[str]) -> None:
     with emulator_process(*transport) as (_, channel), host_bus(channel) as bus:
         frames_for(bus, 0.4)
         bus.send(command(3.0, 4.0, counter=11))
@@ -95,7 +96,7 @@ def test_levels_arrive_and_a_command_is_echoed(transport: str) -> None:
 
 
 def test_a_host_that_vanishes_leaves_the_pumps_at_zero_volts_within_the_watchdog_time(
-    transport: str, tmp_path: Path
+    transport: list[str], tmp_path: Path
 ) -> None:
     record = tmp_path / "changes.jsonl"
     commands = [command(3.0 + counter / 10, 3.0, counter=counter).data.hex() for counter in range(8)]
@@ -139,10 +140,10 @@ def test_tcp_host_may_come_again_after_a_wild_end() -> None:
                 assert frames_for(bus, 0.15)
 
 
-def test_garbage_does_not_stop_the_service(transport: str) -> None:
+def test_garbage_does_not_stop_the_service(transport: list[str]) -> None:
     with emulator_process(*transport) as (process, channel):
         with host_bus(channel) as bus:
-            bus.serialPortOrig.write(os.urandom(2000) + b"x" * 3000 + b"\r")
+            vars(bus)["serialPortOrig"].write(os.urandom(2000) + b"x" * 3000 + b"\r")
             time.sleep(0.2)
         with host_bus(channel) as bus:
             assert frames_for(bus, 0.3)
@@ -153,8 +154,8 @@ def line_of(process: subprocess.Popen[bytes], timeout_s: float = 10.0) -> str:
     """The next line, byte by byte: what a buffer holds back, select can't see."""
     line = b""
     while not line.endswith(b"\n"):
-        assert select.select([process.stdout], [], [], timeout_s)[0], "no line in time"
         assert process.stdout is not None
+        assert select.select([process.stdout], [], [], timeout_s)[0], "no line in time"
         byte = os.read(process.stdout.fileno(), 1)
         assert byte, "the process has ended"
         line += byte

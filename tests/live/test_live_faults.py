@@ -10,10 +10,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from firmware_sim.frames import parse_command
+from firmware_sim.frames import Rejection, parse_command
 from hil.cli.exit_codes import INCOMPLETE
 from hil.edge.record.run_folder import RunFolder
 from hil.review.ticks import read
@@ -39,13 +40,13 @@ OFF = [0.0, 0.0]
 TCP, PTY = ("--slcan", "0"), ("--pty",)
 
 
-def trip_of(run: Controller):
+def trip_of(run: Controller) -> dict[str, Any]:
     """The one trip in kpi.json; run.json must agree."""
     kpi, manifest = run.json("kpi.json"), run.json("run.json")
     assert (kpi["status"], manifest["status"]) == ("tripped", "tripped")
     (trip,) = kpi["trips"]
     assert manifest["reason"].startswith(trip["cause"])
-    return trip
+    return dict(trip)
 
 
 over_both = pytest.mark.parametrize("transport", [TCP, PTY], ids=["tcp", "pty"])
@@ -123,7 +124,8 @@ def test_asked_to_end_before_it_is_armed_it_ends_at_once(tmp_path: Path) -> None
         run.process.send_signal(signal.SIGTERM)
         assert run.wait(5.0) == 143, (run.out, run.err)
         assert run.json("run.json")["status"] == "stopped"
-    assert not any(parse_command(frame).enable for frame in sent)
+    commands = [parse_command(frame) for frame in sent]
+    assert not any(isinstance(command, Rejection) or command.enable for command in commands)
 
 
 @over_both
@@ -193,7 +195,7 @@ def relay(port: int) -> Iterator[tuple[str, Callable[[], None]]]:
                 for a, b in ((near, far), (far, near)):
                     threading.Thread(target=pump, args=(a, b), daemon=True).start()
 
-        def pump(source, sink) -> None:
+        def pump(source: socket.socket, sink: socket.socket) -> None:
             with suppress(OSError):
                 while data := source.recv(4096):
                     sink.sendall(data)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -70,11 +71,11 @@ class Killed:
     def __init__(self, run: Controller, rig: Emulator) -> None:
         self.run, self.rig = run, rig
 
-    def events(self):
+    def events(self) -> list[dict[str, Any]]:
         path = self.run.folder / "events.jsonl"
         return [json.loads(line) for line in path.read_text().split("\n")[:-1]] if path.exists() else []
 
-    def modes(self):
+    def modes(self) -> list[str]:
         """Names of all modes that it has been in, oldest first."""
         return [event["data"]["mode"] for event in self.events() if event["code"] == "mode"]
 
@@ -83,13 +84,13 @@ class Killed:
         wait_for(lambda: condition() or self.run.process.poll() is not None, timeout_s=40.0)
         assert condition(), self.run.process.communicate()
 
-    def is_in(self, mode: Mode):
+    def is_in(self, mode: Mode) -> bool:
         said = [event for event in self.events() if event["code"] in ("mode", "trip")]
         if not said:
             return False
-        return mode is Mode.TRIPPED if said[-1]["code"] == "trip" else said[-1]["data"]["mode"] == mode.name
+        return mode is Mode.TRIPPED if said[-1]["code"] == "trip" else bool(said[-1]["data"]["mode"] == mode.name)
 
-    def send(self, number: signal.Signals):
+    def send(self, number: signal.Signals) -> int | None:
         """A stopped process is killed in the end, when it can no longer do anything else."""
         self.run.process.send_signal(number)
         if number is STOP:
@@ -128,7 +129,7 @@ def assert_readable(folder: Path) -> Ticks:
     return ticks
 
 
-def assert_off_in_time(pump, *, since_V: float = 0.0):
+def assert_off_in_time(pump: list[dict[str, Any]], *, since_V: float = 0.0) -> dict[str, Any]:
     """From the last command that the node applied to its 0 V; then nothing moves."""
     last = max(i for i, change in enumerate(pump) if max(change["applied_V"]) > since_V)
     off = next(change for change in pump[last:] if change["applied_V"] == OFF)
@@ -196,10 +197,10 @@ def _exit_code(name: str, number: signal.Signals) -> int:
     return {TERM: 143, CTRL_C: 130}[number]
 
 
-def _ran_s(pump):
+def _ran_s(pump: list[dict[str, Any]]) -> float:
     """From the first command that ran the pumps to the last change."""
     first_s = next(change["t_s"] for change in pump if change["cause"] == "command")
-    return pump[-1]["t_s"] - first_s
+    return float(pump[-1]["t_s"] - first_s)
 
 
 @pytest.mark.parametrize("number", [KILL, STOP, TERM, CTRL_C], ids=["kill", "stop", "term", "ctrl_c"])
@@ -256,7 +257,7 @@ def test_while_it_connects_it_ends_at_once_and_leaves_no_folder(tmp_path: Path, 
     assert not (tmp_path / "run").exists()
 
 
-def _is_connecting(port, guests: int = 4) -> bool:
+def _is_connecting(port: int, guests: int = 4) -> bool:
     """Whether one more than our guests waits to be let in (their requests stay in SYN_SENT, or are in the backlog)."""
     asking = f":{port:04X}"
     with open("/proc/net/tcp", encoding="ascii") as table:  # noqa: PTH123 - not a file of ours

@@ -5,12 +5,12 @@ from collections.abc import Iterator
 import pytest
 
 from tests.socketcan.kernel_fixtures import cable, loop  # noqa: F401 - fixtures
-from tests.socketcan.kernel_links import Cable, Loop
+from tests.socketcan.kernel_links import Cable
 from tests.socketcan.socketcan_bench import Rig
 
 
 @pytest.fixture(scope="session")
-def rig(cable: Loop | Cable, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:  # noqa: F811 - the fixture
+def rig(cable: Cable, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:  # noqa: F811 - the fixture
     """The emulator on the far end of the cable."""
     from tests.socketcan.socketcan_bench import emulator
 

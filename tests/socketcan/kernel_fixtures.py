@@ -2,14 +2,17 @@
 
 import os
 from collections.abc import Iterator
+from typing import TypeVar
 
 import pytest
 
 from tests.socketcan.kernel_links import Cable, Loop
 from tools.guest.host import obstacle
 
+L = TypeVar("L", Loop, Cable)
 
-def _links(kind: type[Loop] | type[Cable]) -> Loop | Cable:
+
+def _links(kind: type[L]) -> L:
     reason = obstacle()
     if reason:
         (pytest.fail if os.environ.get("CI") else pytest.skip)(f"{reason} (make test-socketcan finds another)")
@@ -17,7 +20,7 @@ def _links(kind: type[Loop] | type[Cable]) -> Loop | Cable:
 
 
 @pytest.fixture(scope="session")
-def loop() -> Iterator[Loop | Cable]:
+def loop() -> Iterator[Loop]:
     """A vcan interface, both of whose ends are the same."""
     links = _links(Loop)
     yield links
@@ -25,7 +28,7 @@ def loop() -> Iterator[Loop | Cable]:
 
 
 @pytest.fixture(scope="session")
-def cable() -> Iterator[Loop | Cable]:
+def cable() -> Iterator[Cable]:
     """Two interfaces wired to one another: in the guest two controllers, elsewhere a vxcan."""
     links = _links(Cable)
     yield links

@@ -43,13 +43,13 @@ class Loop:
     def __init__(self) -> None:
         self.plug()
 
-    def down(self, end=None) -> None:
+    def down(self, end: str | None = None) -> None:
         ip("link", "set", end or self.near, "down")
 
-    def up(self, end=None) -> None:
+    def up(self, end: str | None = None) -> None:
         ip("link", "set", end or self.near, "up")
 
-    def unplug(self, end=None) -> None:
+    def unplug(self, end: str | None = None) -> None:
         ip("link", "del", end or self.near)
 
     def plug(self) -> None:
@@ -108,19 +108,19 @@ class Cable:
 class KernelFar:
     """A second node on interfaces of the kernel, for what every bus has to do."""
 
-    def __init__(self, links, ids: tuple[int, int, int, int, int, int]) -> None:
+    def __init__(self, links: Loop | Cable, ids: tuple[int, int, int, int, int, int]) -> None:
         self._links = links
         self.remote_length = links.remote_length
         links.plug()
         self.port = BusPort(BusAddress("socketcan", links.near, BITRATE).open(ids))
         self._bus = can.Bus(links.far, "socketcan", ignore_config=True)
 
-    def send(self, *frames) -> None:
+    def send(self, *frames: can.Message) -> None:
         for one in frames:
             self._bus.send(one, timeout=1.0)
             time.sleep(self._links.frame_s)
 
-    def received(self, count) -> list[can.Message | None]:
+    def received(self, count: int) -> list[can.Message | None]:
         frames = [self._bus.recv(1.0) for _ in range(count)]
         assert self._bus.recv(0.02) is None
         return frames

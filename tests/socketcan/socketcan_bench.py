@@ -10,9 +10,10 @@ import os
 import signal
 import socket
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import firmware_sim.change_record
 import firmware_sim.cli
@@ -28,6 +29,7 @@ from hil.bench import (
     live_run,  # noqa: F401 - imported before the forks
 )
 from hil.cli import run_display  # noqa: F401 - imported before the forks
+from tests.narrowing import not_none
 from tests.waiting import wait_for
 
 PERIOD_S = 0.1
@@ -47,7 +49,7 @@ safety.arm_timeout_s = 10.0
 _fork = multiprocessing.get_context("fork")
 
 
-def _become(main, arguments, output) -> None:
+def _become(main: Callable[[], None], arguments: Sequence[object], output: Path) -> None:
     """In the fork: a console script, at a priority at which the tests themselves don't hold it up."""
     with suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(20))
@@ -66,7 +68,7 @@ def _become(main, arguments, output) -> None:
 class Forked:
     """A process, and what it has printed."""
 
-    def __init__(self, main: Callable[[], None], arguments, output: Path) -> None:
+    def __init__(self, main: Callable[[], None], arguments: Sequence[object], output: Path) -> None:
         self._output = output
         self._process = _fork.Process(target=_become, args=(main, arguments, output), daemon=True)
         self._process.start()
@@ -81,7 +83,7 @@ class Forked:
         return self._process.exitcode is None
 
     def signal(self, number: signal.Signals) -> None:
-        os.kill(self.pid, number)
+        os.kill(not_none(self.pid), number)
 
     def wait(self, timeout_s: float = 20.0) -> int:
         """Exit code. No way of ending may show a traceback."""
@@ -103,9 +105,9 @@ class Rig:
     def __init__(self, process: Forked, record: Path, control: Path) -> None:
         self.process, self._control = process, control
         self._lines = record.open()
-        self._changes = []
+        self._changes: list[dict[str, Any]] = []
 
-    def pump(self):
+    def pump(self) -> list[dict[str, Any]]:
         self._changes += [
             change for line in self._lines if (change := json.loads(line))["node"] == "pump" and line.endswith("\n")
         ]
@@ -123,7 +125,7 @@ class Rig:
         """Until the pump node has obeyed some commands of a run that began when it had `since` changes."""
         wait_for(lambda: sum(one["cause"] == "command" for one in self.pump()[since:]) >= changes, START_S, 0.03)
 
-    def wait_until_safe(self, since):
+    def wait_until_safe(self, since: int) -> tuple[str, float]:
         """The trip of the pump node at 0 V, and how long after the last command it obeyed."""
         is_safe = lambda: self.pump()[-1]["applied_V"] == OFF and self.pump()[-1]["state"] == "tripped"  # noqa: E731
         wait_for(is_safe, 3.0, 0.03)
@@ -140,6 +142,8 @@ class Run:
 
     def __init__(self, process: Forked, folder: Path) -> None:
         self.process, self.folder = process, folder
+        self.since = 0
+        """How many changes the pump node had recorded before."""
 
     def wait(self, timeout_s: float = 20.0) -> int:
         return self.process.wait(timeout_s)
@@ -148,20 +152,20 @@ class Run:
     def out(self) -> str:
         return self.process.out
 
-    def json(self, name: str):
+    def json(self, name: str) -> Any:
         return json.loads((self.folder / name).read_text())
 
-    def events(self):
+    def events(self) -> list[dict[str, Any]]:
         return [json.loads(line) for line in (self.folder / "events.jsonl").read_text().splitlines()]
 
     @property
-    def cause(self):
+    def cause(self) -> str:
         (trip,) = self.json("kpi.json")["trips"]
-        return trip["cause"]
+        return str(trip["cause"])
 
 
 @contextmanager
-def emulator(channel: str, folder: Path, *options) -> Iterator[Rig]:
+def emulator(channel: str, folder: Path, *options: str) -> Iterator[Rig]:
     record, control = folder / "node.jsonl", folder / "control"
     arguments = ["firmware-sim", "-i", "socketcan", "-c", channel, "--record", record, "--control", control, *options]
     process = Forked(firmware_sim.cli.main, arguments, folder / "rig.out")
@@ -174,7 +178,7 @@ def emulator(channel: str, folder: Path, *options) -> Iterator[Rig]:
 
 
 @contextmanager
-def controller(channel: str, folder: Path, *options, duration: float = 60.0, clear: bool = True) -> Iterator[Run]:
+def controller(channel: str, folder: Path, *options: str, duration: float = 60.0, clear: bool = True) -> Iterator[Run]:
     scenario = folder / "scenario.toml"
     scenario.write_text(SCENARIO.format(duration=duration))
     out = folder / "run"

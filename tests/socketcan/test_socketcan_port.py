@@ -12,7 +12,7 @@ import can
 import pytest
 
 from hil.edge.can.bus import BusAddress, BusError, BusPort
-from hil.edge.can.socketcan import Link
+from hil.edge.can.socketcan import Link, SocketCan
 from tests.bus.bus_bench import COMMAND_ID, FOREIGN_ID, IDS, LEVELS_ID, STATUS_ID, frame, next_frame
 from tests.narrowing import not_none
 from tests.socketcan.kernel_links import BITRATE, Cable, Loop, ip
@@ -38,7 +38,7 @@ def ends(links: Loop | Cable) -> Iterator[tuple[BusPort, can.BusABC]]:
 
 
 @pytest.fixture
-def on_loop(loop: Loop | Cable) -> Iterator[tuple[BusPort, can.BusABC]]:
+def on_loop(loop: Loop) -> Iterator[tuple[BusPort, can.BusABC]]:
     with ends(loop) as both:
         yield both
 
@@ -69,7 +69,7 @@ def test_case_12_a_thousand_foreign_frames_are_kept_out_by_the_kernel(on_loop: t
 
 @pytest.mark.parametrize("odd", ["extended", "fd"])
 def test_case_18_frames_that_are_not_classic_with_11_bits_are_kept_out_by_the_kernel(
-    loop: Loop | Cable, on_loop: tuple[BusPort, can.BusABC], odd: str
+    loop: Loop, on_loop: tuple[BusPort, can.BusABC], odd: str
 ) -> None:
     """The extended frame and the CAN FD frame have the number of one of ours."""
     port, far = on_loop
@@ -88,7 +88,7 @@ def test_case_18_frames_that_are_not_classic_with_11_bits_are_kept_out_by_the_ke
 
 
 def test_case_20_error_frames_are_counted_by_class_each_told_once(
-    loop: Loop | Cable, on_loop: tuple[BusPort, can.BusABC]
+    loop: Loop, on_loop: tuple[BusPort, can.BusABC]
 ) -> None:
     port, far = on_loop
     for classes, detail in ((0x2, 0), (0x20, 0), (0x4, 0x20), (0x20, 0), (0x88, 0)):
@@ -105,9 +105,7 @@ def test_case_20_error_frames_are_counted_by_class_each_told_once(
     assert port.is_up, "none of them is the end"
 
 
-def test_case_21_bus_off_is_the_end_of_the_link_and_its_name(
-    loop: Loop | Cable, on_loop: tuple[BusPort, can.BusABC]
-) -> None:
+def test_case_21_bus_off_is_the_end_of_the_link_and_its_name(loop: Loop, on_loop: tuple[BusPort, can.BusABC]) -> None:
     port, _ = on_loop
     send_error(loop.near, 0x40)
     assert not_none(next_frame(port)).is_error_frame
@@ -115,7 +113,7 @@ def test_case_21_bus_off_is_the_end_of_the_link_and_its_name(
 
 
 def test_case_22_a_link_taken_down_is_noticed_at_once_by_listening(
-    loop: Loop | Cable, on_loop: tuple[BusPort, can.BusABC]
+    loop: Loop, on_loop: tuple[BusPort, can.BusABC]
 ) -> None:
     port, _ = on_loop
     loop.down()
@@ -129,7 +127,7 @@ def test_case_22_a_link_taken_down_is_noticed_at_once_by_listening(
 
 
 def test_case_22_a_link_taken_down_is_noticed_by_the_first_command(
-    loop: Loop | Cable, on_loop: tuple[BusPort, can.BusABC]
+    loop: Loop, on_loop: tuple[BusPort, can.BusABC]
 ) -> None:
     """Nobody has listened meanwhile; python-can would have to fail three times."""
     port, _ = on_loop
@@ -140,7 +138,7 @@ def test_case_22_a_link_taken_down_is_noticed_by_the_first_command(
 
 
 def test_case_22_a_link_that_was_down_and_up_between_two_commands_is_noticed(
-    loop: Loop | Cable, on_loop: tuple[BusPort, can.BusABC]
+    loop: Loop, on_loop: tuple[BusPort, can.BusABC]
 ) -> None:
     port, _ = on_loop
     loop.down()
@@ -150,7 +148,7 @@ def test_case_22_a_link_that_was_down_and_up_between_two_commands_is_noticed(
 
 
 def test_case_24_an_interface_that_is_gone_takes_no_command_and_is_no_other_when_it_is_back(
-    cable: Loop | Cable,
+    cable: Cable,
 ) -> None:
     with ends(cable) as (port, _):
         cable.unplug(cable.near)
@@ -162,7 +160,7 @@ def test_case_24_an_interface_that_is_gone_takes_no_command_and_is_no_other_when
 
 
 @pytest.fixture
-def jam(loop: Loop | Cable) -> Iterator[Callable[[], subprocess.CompletedProcess[bytes]]]:
+def jam(loop: Loop) -> Iterator[Callable[[], subprocess.CompletedProcess[bytes]]]:
     """Lets one frame through and no more: like a bus on which nobody acknowledges."""
     ip_words = f"qdisc replace dev {loop.near} root tbf rate 8bit burst 16b limit 1600b"
     subprocess.run(["tc", *ip_words.split()], check=True)
@@ -193,7 +191,7 @@ def test_case_23_the_kernels_queue_never_holds_more_than_one_command(
 
 @pytest.mark.parametrize("bad", ["15 length", "17 identifier", "19 remote"])
 def test_case_15_17_19_what_gets_past_the_kernel_is_marked_for_the_receiver(
-    loop: Loop | Cable, on_loop: tuple[BusPort, can.BusABC], bad: str
+    loop: Loop, on_loop: tuple[BusPort, can.BusABC], bad: str
 ) -> None:
     port, far = on_loop
     text = {
@@ -221,7 +219,7 @@ def test_frames_have_arrived_when_the_kernel_took_them_in(on_loop: tuple[BusPort
     far.send(frame(data=GOOD))
     after_ns = time.monotonic_ns()
     time.sleep(0.2)
-    message = port.receive(0.0)
+    message = not_none(port.receive(0.0))
     arrived_ns = port.arrived_ns(message, time.monotonic_ns())
     assert before_ns - 5_000_000 <= arrived_ns <= after_ns + 5_000_000
 
@@ -235,7 +233,7 @@ def test_case_46_a_wall_clock_that_jumps_makes_no_frame_older_than_the_gap_befor
         for jump_s in (0.0, 3600.0, -7200.0, 3600.0):
             far.send(frame(data=GOOD))
             time.clock_settime(time.CLOCK_REALTIME, time.time() + jump_s)
-            message = next_frame(port)
+            message = not_none(next_frame(port))
             now_ns = time.monotonic_ns()
             ages_s.append((now_ns - port.arrived_ns(message, now_ns)) * 1e-9)
     finally:
@@ -278,7 +276,7 @@ def test_an_interface_that_is_no_can_is_refused() -> None:
     assert refusal("lo") == "lo is not a CAN interface"
 
 
-def test_a_link_that_is_down_is_refused_with_what_to_do(loop: Loop | Cable) -> None:
+def test_a_link_that_is_down_is_refused_with_what_to_do(loop: Loop) -> None:
     loop.down()
     try:
         assert refusal(loop.near) == f"{loop.near} is down; as root: ip link set {loop.near} up"
@@ -286,12 +284,12 @@ def test_a_link_that_is_down_is_refused_with_what_to_do(loop: Loop | Cable) -> N
         loop.up()
 
 
-def real(cable: Loop | Cable) -> None:
+def real(cable: Cable) -> None:
     if not cable.is_real:
         pytest.skip("vxcan has no bit rate; the guest's controllers have")
 
 
-def test_another_bit_rate_is_refused_with_what_to_do(cable: Loop | Cable) -> None:
+def test_another_bit_rate_is_refused_with_what_to_do(cable: Cable) -> None:
     real(cable)
     up = f"ip link set {cable.near} up type can bitrate 250000"
     assert refusal(cable.near, 250_000) == (
@@ -299,7 +297,7 @@ def test_another_bit_rate_is_refused_with_what_to_do(cable: Loop | Cable) -> Non
     )
 
 
-def test_a_kernel_that_restarts_after_bus_off_is_told_of_and_left_as_it_is(cable: Loop | Cable) -> None:
+def test_a_kernel_that_restarts_after_bus_off_is_told_of_and_left_as_it_is(cable: Cable) -> None:
     real(cable)
     ip("link", "set", cable.near, "down")
     ip("link", "set", cable.near, "up", "type", "can", "bitrate", BITRATE, "restart-ms", 100)
@@ -317,6 +315,7 @@ def test_a_kernel_that_restarts_after_bus_off_is_told_of_and_left_as_it_is(cable
 def test_the_kernels_own_receive_filter_is_in_force(on_loop: tuple[BusPort, can.BusABC]) -> None:
     """Not python-can's, which would look at each frame here."""
     port, _ = on_loop
+    assert isinstance(port._bus, SocketCan)
     raw = port._bus.socket.getsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, 8 * len(IDS))
     assert {struct.unpack_from("I", raw, 8 * index)[0] for index in range(len(IDS))} == set(IDS)
     assert port._bus._is_filtered

@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import can
 import cantools
@@ -42,7 +43,7 @@ OUTAGE_S = 0.6
 
 
 @pytest.fixture
-def run(rig: Rig, cable: Loop | Cable, tmp_path: Path) -> Iterator[Run]:
+def run(rig: Rig, cable: Cable, tmp_path: Path) -> Iterator[Run]:
     """A run that has begun to move pumps, and how many changes the pump node had recorded before."""
     cable.plug()
     since = len(rig.pump())
@@ -58,7 +59,7 @@ def assert_tripped(run: Run, *causes: str) -> None:
     assert run.cause in causes, run.events()
 
 
-def assert_node_safe_in_time(rig: Rig, run: Run):
+def assert_node_safe_in_time(rig: Rig, run: Run) -> str:
     cause, after_s = rig.wait_until_safe(run.since)
     assert after_s <= WATCHDOG_S + SLACK_S, cause
     return cause
@@ -67,12 +68,12 @@ def assert_node_safe_in_time(rig: Rig, run: Run):
 class Whole:
     """A run from start to end, and what another program saw of it."""
 
-    def __init__(self, run: Run, seen: Path, pump) -> None:
+    def __init__(self, run: Run, seen: Path, pump: list[dict[str, Any]]) -> None:
         self.run, self.seen, self.pump = run, seen, pump
 
 
 @pytest.fixture(scope="module")
-def whole(rig: Rig, cable: Loop | Cable, tmp_path_factory: pytest.TempPathFactory) -> Whole:
+def whole(rig: Rig, cable: Cable, tmp_path_factory: pytest.TempPathFactory) -> Whole:
     folder = tmp_path_factory.mktemp("whole")
     cable.plug()
     since = len(rig.pump())
@@ -96,7 +97,8 @@ def test_a_whole_run_is_complete_and_loses_no_command(whole: Whole) -> None:
 def test_candump_saw_each_command_once_and_cantools_reads_them(whole: Whole) -> None:
     """Another program's log and decoder: every command is within range, with consecutive counters."""
     frames = list(can.CanutilsLogReader(whole.seen))
-    database = cantools.database.load_file(DBC)
+    database: Any = cantools.database.load_file(DBC)
+    commands: list[Any]
     commands = [database.decode_message(COMMAND_ID, one.data) for one in frames if one.arbitration_id == COMMAND_ID]
     assert len(commands) == pytest.approx(whole.run.json("kpi.json")["commands"]["commands_sent"], abs=1)
     assert all(0.0 <= command["Command1"] <= 10.0 for command in commands)
@@ -104,7 +106,7 @@ def test_candump_saw_each_command_once_and_cantools_reads_them(whole: Whole) -> 
     assert {one.arbitration_id for one in frames} == set(IDS), "both nodes and the controller, and nobody else"
 
 
-def test_canplayer_replays_a_recorded_run_into_the_receiver(whole: Whole, loop: Loop | Cable) -> None:
+def test_canplayer_replays_a_recorded_run_into_the_receiver(whole: Whole, loop: Loop) -> None:
     """Every frame of the run is taken as it was then: the nodes' as accepted, ours as somebody else's commands."""
     log = whole.run.folder / "can.log"
     lines = log.read_text().splitlines()
@@ -160,7 +162,7 @@ def test_case_01_05_06_12_lost_doubled_swapped_and_foreign_frames_do_not_trip(ri
     assert run.json("kpi.json")["trips"] == []
 
 
-def test_case_14_cansend_of_our_command_id_latches(rig: Rig, run: Run, cable: Loop | Cable) -> None:
+def test_case_14_cansend_of_our_command_id_latches(rig: Rig, run: Run, cable: Cable) -> None:
     """A valid frame of an unknown sender: trips within a step, one last 0 V, then silence until the node is safe."""
     data = CommandSender(assembly.load_contract(DBC)).encode(supervisor.OFF, 0)
     subprocess.run(["cansend", cable.far, f"{COMMAND_ID:03X}#{data.hex()}"], check=True)
@@ -170,7 +172,7 @@ def test_case_14_cansend_of_our_command_id_latches(rig: Rig, run: Run, cable: Lo
 
 @pytest.mark.parametrize("end", ["near", "far"])
 def test_case_22_a_link_down_and_up_mid_run_is_safe_and_comes_back_disarmed(
-    rig: Rig, run: Run, cable: Loop | Cable, tmp_path: Path, end: str
+    rig: Rig, run: Run, cable: Cable, tmp_path: Path, end: str
 ) -> None:
     """Node safe within W; the run ends within 5 s; a new one is refused until somebody clears the trip."""
     name = getattr(cable, end)
@@ -189,7 +191,7 @@ def test_case_22_a_link_down_and_up_mid_run_is_safe_and_comes_back_disarmed(
 
 @pytest.mark.parametrize("end", ["near", "far"])
 def test_case_24_an_interface_unplugged_and_plugged_again_is_safe_and_comes_back_disarmed(
-    rig: Rig, run: Run, cable: Loop | Cable, tmp_path: Path, end: str
+    rig: Rig, run: Run, cable: Cable, tmp_path: Path, end: str
 ) -> None:
     cable.unplug(getattr(cable, end))
     gone_s = time.monotonic()
@@ -200,7 +202,7 @@ def test_case_24_an_interface_unplugged_and_plugged_again_is_safe_and_comes_back
     assert_disarmed_until_cleared(rig, cable, tmp_path)
 
 
-def assert_disarmed_until_cleared(rig: Rig, cable: Loop | Cable, folder: Path) -> None:
+def assert_disarmed_until_cleared(rig: Rig, cable: Cable, folder: Path) -> None:
     """The link is up: without clearing no run moves a pump, with it the next one does."""
     (folder / "refused").mkdir()
     (folder / "cleared").mkdir()
@@ -215,7 +217,7 @@ def assert_disarmed_until_cleared(rig: Rig, cable: Loop | Cable, folder: Path) -
         assert cleared.wait() == 0, cleared.out
 
 
-def test_case_21_bus_off_in_a_run_trips_and_error_passive_is_only_told(loop: Loop | Cable, tmp_path: Path) -> None:
+def test_case_21_bus_off_in_a_run_trips_and_error_passive_is_only_told(loop: Loop, tmp_path: Path) -> None:
     """Injected on vcan, as a driver would report them."""
     loop.plug()
     (tmp_path / "rig").mkdir()
