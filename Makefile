@@ -77,7 +77,7 @@ docs-serve: $(READY)  ## the same on http://localhost:8000, built again at each 
 	$(BIN)/python -m tools.reference
 	$(BIN)/zensical serve
 
-lock: $(READY)   ## pin anew what pyproject.toml asks for (needs uv)
+lock: $(READY)   ## pin again what pyproject.toml asks for (needs uv)
 	uv pip compile pyproject.toml --group dev --group docs --all-extras --universal --python-version 3.11 --generate-hashes \
 	  --no-header --no-emit-index-url --upgrade --quiet --output-file requirements.lock
 

@@ -17,7 +17,7 @@ class FrameWorker extends EventTarget {
   start(url) {
     const inside = this.frame.contentWindow;
     const page = inside.document;
-    inside.postMessage = (data) => this.receive(data);
+    inside.postMessage = (data) => setTimeout(() => this.receive(data)); // later, as from a Worker
     inside.importScripts = (...addresses) =>
       Promise.all(addresses.map((address) => this.load(page, new URL(address, document.baseURI))));
     this.load(page, url).then(() => {
@@ -47,7 +47,7 @@ class FrameWorker extends EventTarget {
     if (this.waiting) this.waiting.push(data);
     else {
       const inside = this.frame.contentWindow;
-      inside.dispatchEvent(new inside.MessageEvent("message", { data }));
+      setTimeout(() => inside.dispatchEvent(new inside.MessageEvent("message", { data })));
     }
   }
 

@@ -1,4 +1,4 @@
-"""Exit codes of `hil`. They are documented in its help and in docs/operating.md; scripts rely on them.
+"""Exit codes of `hil`. They are documented in its help and in docs/how-to/operating.md; scripts rely on them.
 
     0    done                          3  tripped; campaign: an invariant was broken
     2    bad input, nothing moved      4  not ready, or failed

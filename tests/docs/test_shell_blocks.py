@@ -1,70 +1,24 @@
-"""Every shell block of README and the documentation is run, or says on the line above it why a test can't run it."""
+"""Every shell block of the documentation is run, or says on the line above it why a test can't run it.
+
+Those of README and tutorial run in tests/live.
+"""
 
 from __future__ import annotations
 
-import contextlib
-import os
 import re
 import shutil
-import signal
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from tests.docs.shell_blocks import LONG, REASONS, ShellBlock, shell_blocks
+from tests.docs.shell_blocks import LONG, QUICK, REASONS, ROOT, ShellBlock, name_of, run_block, run_page, shell_blocks
 
-ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCKS = [block for page in PAGES for block in shell_blocks(page)]
-QUICK = ("README.md", "docs/tutorial/first-run.md")
-TIMEOUT_S = 120.0
-
-
-def name_of(page: Path) -> str:
-    return page.relative_to(ROOT).as_posix()
 
 
 OTHERS = [page for page in PAGES if name_of(page) not in QUICK and any(block.is_run for block in shell_blocks(page))]
-
-
-def run_block(block: ShellBlock, folder: Path) -> None:
-    """Run a block as bash does, in `folder`, with the commands on the path. Its background jobs end with it."""
-    path = os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"]))
-    output = folder / "output.txt"
-    with output.open("w") as log:
-        process = subprocess.Popen(
-            ["bash", "-eu", "-o", "pipefail", "-c", block.text],
-            cwd=folder,
-            env={**os.environ, "PATH": path},
-            stdin=subprocess.DEVNULL,
-            stdout=log,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )
-        try:
-            code: int | str = process.wait(timeout=TIMEOUT_S)
-        except subprocess.TimeoutExpired:
-            code = f"no end within {TIMEOUT_S:g} s"
-        finally:
-            with contextlib.suppress(ProcessLookupError):  # nothing of this block's process group is left
-                os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
-    assert code == 0, f"{name_of(block.page)}:{block.line} ended with {code}:\n{output.read_text()}"
-
-
-def run_page(page: Path, folder: Path) -> None:
-    """Run a page's blocks one after the other in one folder."""
-    for block in shell_blocks(page):
-        if block.is_run:
-            run_block(block, folder)
-
-
-@pytest.mark.live
-@pytest.mark.parametrize("name", QUICK)
-def test_the_shell_blocks_of_readme_and_tutorial_run(name: str, tmp_path: Path) -> None:
-    run_page(ROOT / name, tmp_path)
 
 
 @pytest.mark.long
@@ -87,7 +41,7 @@ def test_a_long_shell_block_runs(block: ShellBlock, tmp_path: Path) -> None:
         if entry.name != ".installed":
             (environment / entry.name).symlink_to(entry)
     (environment / ".installed").touch()
-    run_block(block, tmp_path)
+    run_block(block, tmp_path, timeout_s=1200.0)
 
 
 def test_a_block_that_is_not_run_has_a_known_reason() -> None:

@@ -251,7 +251,9 @@ def test_links_between_the_documents_lead_somewhere(page: Path) -> None:
             continue
         path, _, anchor = target.partition("#")
         file = (page.parent / path).resolve() if path else page
-        assert file.exists() or (file.parent == FOLDER and file.name in PAGES), target
+        if file.parent == FOLDER and file.name in PAGES:
+            continue  # made from the code; tests/docs/test_site.py has the links to these
+        assert file.exists(), target
         if anchor:
             headings = re.findall(r"^#+ (.*)$", text_of(file), re.MULTILINE)
             assert anchor in [heading.lower().replace(" ", "-") for heading in headings], target

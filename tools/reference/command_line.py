@@ -61,4 +61,6 @@ def _default(one: Any) -> str:
 def _text(text: str) -> str:
     """Help text without the marks of rich, each paragraph in one line."""
     bare = re.sub(r"\[/?(?:bold|dim|italic|cyan|green|yellow|red)[^\]]*\]", "", text.replace("\b", ""))
-    return "\n\n".join(" ".join(part.split()) for part in re.split(r"\n\s*\n", bare)).strip()
+    paragraphs = [" ".join(part.split()).replace("<", "&lt;") for part in re.split(r"\n\s*\n", bare.strip())]
+    example = re.compile(r"^Example: (.*)$")
+    return "\n\n".join(example.sub(r"Example: `\1`", part) for part in paragraphs)
