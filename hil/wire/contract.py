@@ -23,7 +23,7 @@ SIGNALS = {
     "LevelHeartbeat": ("State", "Counter", "BootCount", "Contract", "Crc"),
 }
 
-COUNTS = {"Counter": 15, "Echo": 15, "Accepted": 255, "State": 3, "Contract": 2**32 - 1}
+COUNTS = {"Counter": 15, "Echo": 15, "Accepted": 255, "State": 3, "Contract": 2**32 - 1, "Crc": 255}
 """Highest values of signals with a fixed meaning, which the counter rules and the state machines rely on."""
 
 

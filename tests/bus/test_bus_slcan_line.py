@@ -1,10 +1,13 @@
 """The slcan line as it may come from a bad cable, a bad adapter or one that has stopped reading."""
 
+import fcntl
 import os
+import struct
 import termios
 import threading
 import time
 from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 
 import can
 import pytest
@@ -12,8 +15,9 @@ import pytest
 from firmware_sim.links import open_pty
 from firmware_sim.slcan_port import SlcanPort
 from hil.core.types import Pair
+from hil.edge.can import slcan_bus
 from hil.edge.can.bus import MAX_BATCH, BusAddress, BusPort
-from hil.edge.can.slcan_bus import STALE_S
+from hil.edge.can.slcan_bus import MAX_LATE_READS, STALE_S
 from hil.edge.can.slcan_lines import MAX_LINE_BYTES
 from tests.bus.bus_bench import (
     COMMAND_ID,
@@ -120,21 +124,42 @@ def test_a_line_without_end_fills_no_memory_and_reception_goes_on(adapter: RawAd
     assert_still_receives(adapter)
 
 
+def unread_bytes(adapter: RawAdapter) -> int:
+    """Bytes that have arrived at our end and have not been read."""
+    (count,) = struct.unpack("i", fcntl.ioctl(adapter.bus._line._fd, termios.FIONREAD, struct.pack("i", 0)))
+    return int(count)
+
+
 def test_a_babbling_line_can_not_hold_a_step_up(adapter: RawAdapter) -> None:
-    for _ in range(15):
-        adapter.say(line() * 100)
-    time.sleep(0.1)
-    started_s = time.monotonic()
-    batch = adapter.port.waiting()
-    assert 0 < len(batch) <= MAX_BATCH
-    assert time.monotonic() - started_s < 1.0
+    frames = MAX_BATCH + 500
+    adapter.say(line() * frames)
+    wait_for(lambda: unread_bytes(adapter) == len(line()) * frames)
+    assert len(adapter.port.waiting()) == MAX_BATCH
+    assert len(adapter.port.waiting()) == 500, "none is lost"
 
 
-def test_a_flood_of_foreign_frames_does_not_keep_receive_past_its_time(adapter: RawAdapter) -> None:
-    adapter.say(line(0x333) * 2000)
-    started_s = time.monotonic()
-    assert adapter.port.receive(0.02) is None
-    assert time.monotonic() - started_s < 0.1
+@pytest.mark.parametrize("read_ms", [0.01, 1.0, 5.0])
+def test_an_endless_flood_of_foreign_frames_does_not_keep_receive_past_its_time(
+    adapter: RawAdapter, monkeypatch: pytest.MonkeyPatch, read_ms: float
+) -> None:
+    """On a clock that is handed in: each read takes read_ms and brings frames, for ever."""
+    now_s, reads = 100.0, 0
+
+    class Flood:
+        def read(self, timeout_s: float | None) -> bytes:
+            nonlocal now_s, reads
+            del timeout_s
+            now_s += read_ms * 1e-3
+            reads += 1
+            assert now_s < 200.0, "never returns"
+            return line(0x333) * 10
+
+    with monkeypatch.context() as patch:
+        patch.setattr(adapter.bus, "_line", Flood())
+        patch.setattr(slcan_bus, "time", SimpleNamespace(monotonic=lambda: now_s, time=time.time))
+        assert adapter.port.receive(0.02) is None
+    in_time = round(20.0 / read_ms)
+    assert reads <= max(in_time + 1, MAX_LATE_READS), "at most 64 kB after its time is over"
 
 
 def test_a_command_goes_out_as_one_line_with_nothing_added(adapter: RawAdapter) -> None:

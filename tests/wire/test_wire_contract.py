@@ -3,10 +3,11 @@
 import math
 import re
 import zlib
-from contextlib import suppress
 from typing import Any
 
+import cantools
 import pytest
+from cantools.database.can import Database
 from crccheck.crc import Crc8Autosar
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -223,6 +224,10 @@ def test_a_dbc_without_one_of_the_signals_is_refused(name: str, signal: str) -> 
         (with_change("Echo : 40|4@1+ (1,0) [0|15]", "Echo : 40|3@1+ (1,0) [0|7]"), "signal Echo of PumpStatus must "),
         (with_change("State : 32|4@1+ (1,0) [0|3]", "State : 32|4@1+ (1,0) [0|15]"), "must count 0..3"),
         (with_change("Counter : 36|4@1+ (1,0)", "Counter : 36|4@1+ (2,0)"), "must count 0..15"),
+        (
+            with_change("Crc : 40|8@1+ (1,0) [0|255]", "Crc : 40|8@1+ (1,0) [0|25]"),
+            "signal Crc of PumpCommand must count",
+        ),
     ],
 )
 def test_a_wrong_dbc_is_refused_with_the_reason(text: str, reason: str) -> None:
@@ -234,9 +239,40 @@ def test_a_wrong_dbc_is_refused_with_the_reason(text: str, reason: str) -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, DBC.index("CM_ ")), st.integers(1, 12), st.sampled_from(["", "0", "-1", "7", "x", " ", "@"]))
-def test_a_damaged_dbc_is_taken_or_refused_but_nothing_else(position: int, length: int, patch: str) -> None:
-    with suppress(ContractError):
-        Contract.from_dbc(DBC[:position] + patch + DBC[position + length :])
+def test_a_damaged_dbc_is_refused_in_one_line_or_understood_as_cantools_does(
+    position: int, length: int, patch: str
+) -> None:
+    """That nothing else was raised used to be all that was asserted."""
+    text = DBC[:position] + patch + DBC[position + length :]
+    try:
+        contract = Contract.from_dbc(text)
+    except ContractError:
+        with pytest.raises(ContractError, match=r"^[^\n]*\S[^\n]*$"):
+            Contract.from_dbc(text)
+        return
+    assert set(contract.frames) == set(NAMES)
+    database = cantools.database.load_string(text, database_format="dbc")
+    assert isinstance(database, Database)
+    for name, spec in contract.frames.items():
+        described = database.get_message_by_name(name)
+        assert (spec.frame_id, spec.length) == (described.frame_id, described.length)
+        for data in (bytes(spec.length), bytes(range(1, spec.length + 1)), b"\x55" * spec.length):
+            values = spec.decode(data)
+            if values is None:
+                continue
+            theirs = described.decode(data, decode_choices=False)
+            assert isinstance(theirs, dict)
+            assert values == pytest.approx({signal: theirs[signal] for signal in values})
+            sealed_again = spec.encode(values)
+            assert sealed_again[-1] == crc8(sealed_again[:-1], spec.crc_start)
+            assert {k: v for k, v in (spec.decode(sealed_again) or {}).items() if k != "Crc"} == pytest.approx(
+                {k: v for k, v in values.items() if k != "Crc"}
+            )
+
+
+def test_the_dbc_as_it_is_passes_what_a_damaged_one_has_to() -> None:
+    """Otherwise the comparison with cantools might never be reached."""
+    assert all(spec.decode(bytes(spec.length)) is not None for spec in CONTRACT.frames.values())
 
 
 def test_a_signal_too_many_is_spare_bits() -> None:
