@@ -29,7 +29,7 @@ needs_fifo = pytest.mark.skipif(not may_use_fifo(), reason="this user may not us
 
 
 @pytest.mark.parametrize("priority", [1, 50, 99])
-def test_a_wish_within_range_is_granted_as_it_is(priority: int) -> None:
+def test_a_request_within_range_is_taken_as_it_is(priority: int) -> None:
     assert parse_request(True, priority, None) == RealTime(priority, None)
     assert parse_request(True, None, min(os.sched_getaffinity(0))) == RealTime(80, min(os.sched_getaffinity(0)))
     assert parse_request(False, None, None) is None
@@ -46,7 +46,7 @@ def test_a_wish_within_range_is_granted_as_it_is(priority: int) -> None:
         ((False, None, 0), "--priority and --cpu belong to --realtime"),
     ],
 )
-def test_a_wish_that_no_privilege_makes_possible_is_one_line(
+def test_a_request_that_no_privilege_allows_is_one_line(
     arguments: tuple[bool, int | None, int | None], says: str
 ) -> None:
     with pytest.raises(RealTimeError, match=says):

@@ -556,6 +556,6 @@ def test_no_history_leaves_range_or_rate_or_forgets_a_trip(history: list[Any], l
             assert now_ns <= until_ns <= now_ns + 600 * SECOND
 
 
-def test_the_bench_is_sound() -> None:
+def test_the_bench_is_healthy() -> None:
     assert LIMITS.model == BENCH
     assert HEALTHY.measurement.valid == ALL

@@ -376,7 +376,7 @@ def test_watcher_and_true_levels_see_every_step() -> None:
     assert bench.recorder.true_levels == [(1.0, 2.0, 3.0, 4.0)] * 8
 
 
-def test_a_watcher_that_fails_is_left_behind_and_the_run_goes_on() -> None:
+def test_a_watcher_that_fails_is_no_longer_called_and_the_run_goes_on() -> None:
     calls = []
 
     def watcher(*_: object) -> None:

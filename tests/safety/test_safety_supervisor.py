@@ -287,7 +287,9 @@ def test_no_sequence_of_wanted_voltages_leaves_range_or_rate(voltages: list[Pair
 @pytest.mark.parametrize("mode", CONTROLLING)
 @pytest.mark.parametrize("pump", [0, 1])
 @pytest.mark.parametrize("nonsense", [math.nan, math.inf, -math.inf])
-def test_a_wish_that_is_no_number_is_an_error_and_never_a_command(mode: Mode, pump: int, nonsense: float) -> None:
+def test_a_wanted_voltage_that_is_no_number_is_an_error_and_never_a_command(
+    mode: Mode, pump: int, nonsense: float
+) -> None:
     wanted_V = (nonsense, 5.0) if pump == 0 else (5.0, nonsense)
     with pytest.raises(ValueError, match="the control law asked for"):
         supervisor.safe_command(LIMITS, supervision(mode), wanted_V, 0.1)

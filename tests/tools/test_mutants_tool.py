@@ -2,10 +2,12 @@
 
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 
+from tools.mutants import __main__ as mutants
 from tools.mutants.generate import sites_of
 from tools.mutants.sample import MUST_BE_COMPLETE, ROOMS, draw, modules_of, target_of
 
@@ -107,6 +109,19 @@ def test_every_room_has_modules_and_tests_that_name_them_first(name: str) -> Non
         assert all((ROOT / test).is_file() for test in target.tests)
     tests = target_of(ROOT, ROOMS["emulator"], "firmware_sim.parameter_spread").tests
     assert tests[0] == "tests/firmware_sim/test_sim_draw.py"
+
+
+def test_every_accepted_mutant_has_a_reason_and_its_line_is_still_there(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    entries = tomllib.loads(mutants.ACCEPTED.read_text())["mutant"]
+    assert all(entry["reason"] for entry in entries)
+    assert all(entry["before"] in (ROOT / f"{entry['module'].replace('.', '/')}.py").read_text() for entry in entries)
+    outdated = tmp_path / "accepted.toml"
+    outdated.write_text('[[mutant]]\nmodule = "hil.loop"\nbefore = "no such line"\nafter = "x"\nreason = "none"\n')
+    monkeypatch.setattr(mutants, "ACCEPTED", outdated)
+    assert mutants.main(["--sample", "1"]) == 1
+    assert capsys.readouterr().out == "accepted, but the line is no longer there: hil.loop: no such line\n"
 
 
 def test_the_same_seed_draws_the_same_mutants() -> None:

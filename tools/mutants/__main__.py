@@ -53,6 +53,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         (entry["module"], entry["before"], entry["after"])
         for entry in tomllib.loads(ACCEPTED.read_text(encoding="utf-8"))["mutant"]
     }
+    outdated = [key for key in sorted(accepted) if not _is_in_the_code(ROOT, key)]
+    for module, before, _ in outdated:
+        print(f"accepted, but the line is no longer there: {module}: {before}")
+    if outdated:
+        return 1
     if options.sample:
         work = draw(ROOT, options.room or ROOMS, options.sample, options.seed)
         title = f"sample of {len(work)}, seed {options.seed}"
@@ -97,6 +102,12 @@ def judge(title: str, work: list[tuple[Target, Mutant]], jobs: int, accepted: se
     for module, before, after in stale:
         print(f"  accepted, but did not survive: {module}: {before}  ->  {after}")
     return not unlisted and not stale
+
+
+def _is_in_the_code(root: Path, key: Key) -> bool:
+    """Whether the module still has the line that an accepted mutant changes."""
+    file = Target(root, key[0], ()).path
+    return file.is_file() and key[1] in (line.strip() for line in file.read_text(encoding="utf-8").splitlines())
 
 
 def _check_killers(work: list[tuple[Target, Mutant]], judgements: list[Judgement]) -> None:
