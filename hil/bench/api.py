@@ -1,10 +1,12 @@
 """The functions of `import hil`: load, simulate, run, campaign, design. Everything else in the package may move.
 
 None of them touches the terminal. What a user can fix raises a subclass of `hil.HilError` before anything moves.
+Why it is so: docs/decisions/0017-public-face.md.
 """
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -186,8 +188,8 @@ def run(
 
     Notes
     -----
-    The function takes over SIGINT, SIGTERM and SIGHUP while the run lasts: each stops the pumps in order. It must be
-    called from the main thread.
+    The function takes over SIGINT, SIGTERM and SIGHUP while the run lasts: each stops the pumps in order. Only the main
+    thread can do that, so a call from any other one is a RuntimeError.
 
     Examples
     --------
@@ -195,6 +197,8 @@ def run(
     >>> hil.run("steps", out="runs/first", interface="socketcan", channel="can0")  # doctest: +SKIP
 
     """
+    if threading.current_thread() is not threading.main_thread():
+        raise RuntimeError("hil.run must be called from the main thread: only there Ctrl-C can stop the pumps")
     from hil.bench.live_run import run_live
 
     bench = _bench(scenario, rig, config, design, detector)
@@ -225,6 +229,7 @@ def campaign(
     ----------
     spec : str or path
         A campaign file, a scenario file, a folder of scenarios, or a shipped name.
+        Designs and detectors are chosen by name in these files.
     config : str or path, optional
         Folder with `rig.toml`, `emulator.toml` and `bench.dbc`; the shipped one by default.
     seeds, first_seed : int, optional
@@ -246,6 +251,7 @@ def campaign(
     Returns
     -------
     CampaignResult
+        One row for each run, and statistics for each class of faults.
 
     Raises
     ------
@@ -286,6 +292,7 @@ def design(
     Returns
     -------
     DesignFigures
+        Gains, poles, condition number, noise gain, and the slowest pole after the loss of a pump.
 
     Raises
     ------

@@ -1,7 +1,8 @@
 """Settings are tried out before anything moves: the law at every reference, then control steps on a healthy rig.
 
 A range check of each key can't see what several keys do together. What is accepted here runs its first steps: a design
-that does not stabilise the rig, a model that overflows, a detector that raises are refused with the reason.
+that does not stabilise the rig, a model that overflows, a detector that raises are refused with the reason. Why
+it is so: docs/decisions/0021-settings-are-tried-out.md.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """load, simulate, design and campaign of `import hil`, called as a script would."""
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -168,3 +169,13 @@ def test_a_campaign_in_memory_and_one_in_a_folder_have_the_same_rows(scenario: P
     assert (tmp_path / "campaign" / "outcomes.parquet").is_file()
     (faults,) = in_memory.classes()
     assert (faults.runs, faults.detected, in_memory.broken) == (2, 1.0, ())
+
+
+def test_simulate_may_be_called_from_any_thread_and_run_from_the_main_one_only(scenario: Path) -> None:
+    """Closing the record takes signals over, which Python allows in the main thread only."""
+    with ThreadPoolExecutor(1) as pool:
+        result = pool.submit(hil.simulate, scenario, duration_s=1.0).result()
+        assert result.status == "complete"
+        with pytest.raises(RuntimeError, match="main thread"):
+            pool.submit(hil.run, scenario, out="run").result()
+    assert not Path("run").exists()

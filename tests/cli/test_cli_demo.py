@@ -15,7 +15,7 @@ from tests.cli.cli_bench import CONFIG
 
 def drawn(figures: dict[str, Figures]) -> str:
     page = StringIO()
-    console = Console(file=page, width=90)
+    console = Console(file=page, width=80)
     for part in both(figures, demo_command.RIGS):
         console.print(part)
     return page.getvalue()
@@ -42,5 +42,7 @@ def test_the_diagnosis_shows_its_median_over_the_rigs(tmp_path: Path) -> None:
         figures[f"both pumps, GLR detector, rig {seed}"] = Figures({table3.GAIN_FALL: (y1, 0.5)}, detected, None, 0.012)
     text = drawn(figures)
     assert row(text, "GLR detector", "0.200") == ["", "GLR detector", "0.200", "0.500", "0.4 s", "–", "0.012"]
-    assert row(text, "both pumps") == ["both pumps", "no reconfiguration", "5.000", "6.000", "–", "–", "–"]
+    assert max(map(len, text.splitlines())) <= 80
+    assert "…" not in text, "nothing is cut off"
+    assert row(text, "both pumps") == ["both pumps", "no", "5.000", "6.000", "–", "–", "–"]
     assert "paper's table 3" in text

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import threading
 import time
 from collections.abc import Callable
 from types import FrameType
@@ -46,7 +47,10 @@ class ArrivalClock:
 
 
 class StopSignal:
-    """SIGINT, SIGTERM and SIGHUP ask for an orderly stop; a second one raises KeyboardInterrupt. Use as a context."""
+    """SIGINT, SIGTERM and SIGHUP ask for an orderly stop; a second one raises KeyboardInterrupt. Use as a context.
+
+    Only the main thread can take signals over; in any other one this does nothing.
+    """
 
     def __init__(self) -> None:
         self.received: signal.Signals | None = None
@@ -54,6 +58,8 @@ class StopSignal:
 
     def __enter__(self) -> StopSignal:
         """Take the signals over."""
+        if threading.current_thread() is not threading.main_thread():
+            return self
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             self._previous[number] = signal.signal(number, self._handle)
         return self
