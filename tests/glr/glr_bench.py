@@ -103,8 +103,8 @@ class Plant:
 
 
 @dataclass
-class Story:
-    """What came of a run: alarms in order, and step by step time, verdict, law and true levels (V)."""
+class RunLog:
+    """The log of a run: alarms in order, and step by step time, verdict, law and true levels (V)."""
 
     alarms: list[Alarm] = field(default_factory=list)
     states: list[LoopState] = field(default_factory=list)
@@ -145,10 +145,10 @@ def play(
     steps: tuple[tuple[float, float], ...] = ((5.0, 0.3),),
     detector: FaultDetector = DETECTOR,
     plant: Plant | None = None,
-) -> Story:
+) -> RunLog:
     """Close the loop on a plant for a while; every fault begins at the start of its control period."""
     plant = plant or Plant(seed)
-    loop, story = config(detector, steps), Story()
+    loop, log = config(detector, steps), RunLog()
     measurement = Measurement(tuple((0.5 * plant.level).tolist()), ALL, 0.0, READINGS)
     applied, state = (0.0, 0.0), None
     waiting = sorted(faults, key=lambda fault: fault[0])
@@ -162,15 +162,15 @@ def play(
             min(max(wanted, last - 2.0, 0.0), last + 2.0, 10.0)
             for wanted, last in zip(state.raw_V, applied, strict=True)
         )
-        story.alarms += state.diagnosis.new_alarms
-        story.states.append(state)
-        story.true_V.append(0.5 * plant.level)
-        story.commands_V.append(applied)
+        log.alarms += state.diagnosis.new_alarms
+        log.states.append(state)
+        log.true_V.append(0.5 * plant.level)
+        log.commands_V.append(applied)
         state = replace(state, integral_Vs=closed_loop.integrate(loop, state, inputs, applied))
         while waiting and waiting[0][0] < (number + 1) * PERIOD_S - 1e-9:
             waiting.pop(0)[1](plant)
         measurement = plant.period(applied)
-    return story
+    return log
 
 
 def put(name: str, index: int, value: float) -> Callable[[Plant], None]:

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from hil.core.diagnosis.glr.glr_detector import GlrDetector
 from hil.core.diagnosis.glr.tuning import Tuning
 from hil.core.types import UNRESOLVED, Measurement, Pair
-from tests.glr.glr_bench import DETECTOR, MODEL, NO_ESTIMATE, PERIOD_S, Plant, Story, play, put
+from tests.glr.glr_bench import DETECTOR, MODEL, NO_ESTIMATE, PERIOD_S, Plant, RunLog, play, put
 from tests.narrowing import not_none, quad
 
 FAULT_S = 40.0
-SOUND = ((5.0, 0.3),)
+EARLY_STEP = ((5.0, 0.3),)
 
 
 def lose(first: float, second: float) -> Callable[[Plant], None]:
@@ -25,12 +25,12 @@ def lose(first: float, second: float) -> Callable[[Plant], None]:
     return begin
 
 
-def named(story: Story) -> list[tuple[str, int]]:
-    return [(alarm.kind, alarm.target) for alarm in story.settled()]
+def named(log: RunLog) -> list[tuple[str, int]]:
+    return [(alarm.kind, alarm.target) for alarm in log.settled()]
 
 
 @pytest.mark.parametrize("seed", [31, 32])
-def test_a_sound_rig_raises_no_alarm(seed: int) -> None:
+def test_a_healthy_rig_raises_no_alarm(seed: int) -> None:
     assert play(seed, 200.0, steps=((20.0, 0.3), (90.0, -0.5), (150.0, 0.4))).alarms == []
 
 
@@ -44,41 +44,41 @@ def test_nor_does_one_that_is_not_quite_what_the_file_says(kwargs: dict[str, flo
     [((0.4, 1.0), 1.0), ((1.0, 0.4), 1.0), ((0.8, 1.0), 1.6), ((1.0, 0.9), 2.2), ((0.4, 0.4), 0.6), ((0.0, 1.0), 1.0)],
 )
 def test_pumps_that_lose_gain(left: Pair, isolated_within_s: float) -> None:
-    story = play(34, FAULT_S + 8.0, ((FAULT_S, lose(*left)),))
-    assert named(story) == [("pump_effectiveness", pump + 1) for pump in (0, 1) if left[pump] < 1.0]
-    assert all(not_none(alarm.isolated_s) - FAULT_S < isolated_within_s for alarm in story.settled())
-    assert all(alarm.detected_s >= FAULT_S for alarm in story.alarms)
-    assert story.last.diagnosis.effectiveness == pytest.approx(left, abs=0.015)
-    assert all(abs(alarm.onset_s - FAULT_S) < 0.35 for alarm in story.settled())
+    log = play(34, FAULT_S + 8.0, ((FAULT_S, lose(*left)),))
+    assert named(log) == [("pump_effectiveness", pump + 1) for pump in (0, 1) if left[pump] < 1.0]
+    assert all(not_none(alarm.isolated_s) - FAULT_S < isolated_within_s for alarm in log.settled())
+    assert all(alarm.detected_s >= FAULT_S for alarm in log.alarms)
+    assert log.last.diagnosis.effectiveness == pytest.approx(left, abs=0.015)
+    assert all(abs(alarm.onset_s - FAULT_S) < 0.35 for alarm in log.settled())
 
 
 @pytest.mark.parametrize("sensor", range(4))
 @pytest.mark.parametrize("bias_V", [0.1, -0.5])
 def test_a_sensor_that_jumps(sensor: int, bias_V: float) -> None:
-    story = play(35, FAULT_S + 5.0, ((FAULT_S, put("bias", sensor, bias_V)),))
-    assert named(story) == [("sensor_bias", sensor + 1)]
-    assert not_none(story.settled()[0].isolated_s) - FAULT_S < 0.35
-    assert story.settled()[0].size == pytest.approx(bias_V, abs=0.02)
-    assert story.last.diagnosis.trusted[sensor] is False
-    assert np.abs(story.last.level_cm - 2.0 * story.true_V[-1]).max() < 0.1
+    log = play(35, FAULT_S + 5.0, ((FAULT_S, put("bias", sensor, bias_V)),))
+    assert named(log) == [("sensor_bias", sensor + 1)]
+    assert not_none(log.settled()[0].isolated_s) - FAULT_S < 0.35
+    assert log.settled()[0].size == pytest.approx(bias_V, abs=0.02)
+    assert log.last.diagnosis.trusted[sensor] is False
+    assert np.abs(log.last.level_cm - 2.0 * log.true_V[-1]).max() < 0.1
 
 
 @pytest.mark.parametrize("sensor", [2, 3])
 def test_an_upper_sensor_that_drifts(sensor: int) -> None:
-    story = play(36, FAULT_S + 5.0, ((FAULT_S, put("drift", sensor, 0.005)),))
-    assert named(story) == [("sensor_drift", sensor + 1)]
-    assert not_none(story.settled()[0].isolated_s) - FAULT_S < 3.5
+    log = play(36, FAULT_S + 5.0, ((FAULT_S, put("drift", sensor, 0.005)),))
+    assert named(log) == [("sensor_drift", sensor + 1)]
+    assert not_none(log.settled()[0].isolated_s) - FAULT_S < 3.5
 
 
 def test_a_lower_sensor_that_drifts_is_ambiguous_at_first_and_settled_in_the_end() -> None:
-    story = play(37, FAULT_S + 25.0, ((FAULT_S, put("drift", 0, 0.01)),))
-    first = story.alarms[0]
+    log = play(37, FAULT_S + 25.0, ((FAULT_S, put("drift", 0, 0.01)),))
+    first = log.alarms[0]
     assert first.kind == UNRESOLVED
     assert "sensor_drift 1" in first.candidates
     assert len(first.candidates) > 1
     assert first.detected_s - FAULT_S < 2.5
-    assert named(story) == [("sensor_drift", 1)]
-    assert story.alarms[-1].number == first.number
+    assert named(log) == [("sensor_drift", 1)]
+    assert log.alarms[-1].number == first.number
 
 
 HASTY = GlrDetector(MODEL, 0.2, 0.005, Tuning(margin=0.0))
@@ -89,22 +89,22 @@ HASTY = GlrDetector(MODEL, 0.2, 0.005, Tuning(margin=0.0))
 def test_a_blockage_that_was_called_a_drift_is_found_out_and_the_sensor_used_again(
     seed: int, tank: int, share: float
 ) -> None:
-    story = play(seed, FAULT_S + 20.0, ((FAULT_S, put("block", tank, share)),), detector=HASTY)
-    assert named(story) == [("sensor_drift", tank + 1), ("outlet_block", tank + 1)]
-    drift, block = story.settled()
+    log = play(seed, FAULT_S + 20.0, ((FAULT_S, put("block", tank, share)),), detector=HASTY)
+    assert named(log) == [("sensor_drift", tank + 1), ("outlet_block", tank + 1)]
+    drift, block = log.settled()
     assert block.number == drift.number
     assert block.size == pytest.approx(share, abs=0.02)
     assert block.isolated_s is not None
     assert block.isolated_s - FAULT_S < 15.0
-    assert story.last.diagnosis.trusted == (True,) * 4
-    assert 2.0 * max(level[tank] for level in story.true_V) < 15.0
+    assert log.last.diagnosis.trusted == (True,) * 4
+    assert 2.0 * max(level[tank] for level in log.true_V) < 15.0
 
 
 @pytest.mark.parametrize("seed", [60, 61, 63])
 def test_a_drift_that_is_one_stays_one(seed: int) -> None:
-    story = play(seed, FAULT_S + 45.0, ((FAULT_S, put("drift", 0, 0.04)),), detector=HASTY)
-    assert named(story) == [("sensor_drift", 1)]
-    assert story.last.diagnosis.trusted[0] is False
+    log = play(seed, FAULT_S + 45.0, ((FAULT_S, put("drift", 0, 0.04)),), detector=HASTY)
+    assert named(log) == [("sensor_drift", 1)]
+    assert log.last.diagnosis.trusted[0] is False
 
 
 @pytest.mark.parametrize("sensor", range(4))
@@ -112,78 +112,78 @@ def test_a_stuck_sensor_is_replaced_by_the_model_and_comes_back(sensor: int) -> 
     """The reference moves while the sensor is stuck: what the loop believes has to move with the water."""
     plant = Plant(38)
     faults = ((FAULT_S, lambda p: p.stick(sensor)), (FAULT_S + 20.0, lambda p: p.stuck_V.clear()))
-    story = play(38, FAULT_S + 30.0, faults, (*SOUND, (FAULT_S + 2.0, 0.3)), plant=plant)
-    lost, back = story.settled()
+    log = play(38, FAULT_S + 30.0, faults, (*EARLY_STEP, (FAULT_S + 2.0, 0.3)), plant=plant)
+    lost, back = log.settled()
     assert (lost.kind, lost.target, back.is_recovery) == ("sensor_stuck", sensor + 1, True)
     assert lost.isolated_s is not None
     assert lost.isolated_s - FAULT_S < 0.45
-    for state, true_V in zip(story.states, story.true_V, strict=True):
+    for state, true_V in zip(log.states, log.true_V, strict=True):
         assert np.abs(np.array(state.level_cm) * 0.5 - true_V).max() < 0.04
-    assert story.last.diagnosis.trusted == (True, True, True, True)
+    assert log.last.diagnosis.trusted == (True, True, True, True)
 
 
 def test_an_open_sensor_is_lost_after_three_readings() -> None:
-    story = play(39, FAULT_S + 2.0, ((FAULT_S, lambda p: p.open.add(1)),))
-    assert named(story) == [("sensor_open", 2)]
-    assert story.settled()[0].isolated_s == pytest.approx(FAULT_S + PERIOD_S)
+    log = play(39, FAULT_S + 2.0, ((FAULT_S, lambda p: p.open.add(1)),))
+    assert named(log) == [("sensor_open", 2)]
+    assert log.settled()[0].isolated_s == pytest.approx(FAULT_S + PERIOD_S)
 
 
 def test_a_noisy_sensor_is_told_from_a_faulty_one() -> None:
     def noisy(plant: Plant) -> None:
         plant.noise_V[1] = 0.1
 
-    story = play(40, FAULT_S + 15.0, ((FAULT_S, noisy),))
-    assert named(story) == [("sensor_noise", 2)]
-    assert story.settled()[0].size == pytest.approx(0.1, rel=0.5)
+    log = play(40, FAULT_S + 15.0, ((FAULT_S, noisy),))
+    assert named(log) == [("sensor_noise", 2)]
+    assert log.settled()[0].size == pytest.approx(0.1, rel=0.5)
 
 
 @pytest.mark.parametrize("tank", range(4))
 @pytest.mark.parametrize(("fault", "share", "kind"), [("leak", 0.5, "leak"), ("block", 0.5, "outlet_block")])
 def test_leaks_and_blockages(tank: int, fault: str, share: float, kind: str) -> None:
-    story = play(41, FAULT_S + 21.0, ((FAULT_S, put(fault, tank, share)),))
-    assert named(story) == [(kind, tank + 1)]
-    assert story.alarms[0].detected_s - FAULT_S < 1.2
-    assert f"{kind} {tank + 1}" in story.alarms[0].candidates
-    assert story.settled()[0].size == pytest.approx(share, abs=0.12)
+    log = play(41, FAULT_S + 21.0, ((FAULT_S, put(fault, tank, share)),))
+    assert named(log) == [(kind, tank + 1)]
+    assert log.alarms[0].detected_s - FAULT_S < 1.2
+    assert f"{kind} {tank + 1}" in log.alarms[0].candidates
+    assert log.settled()[0].size == pytest.approx(share, abs=0.12)
 
 
 def test_a_valve_that_moves() -> None:
     def turn(plant: Plant) -> None:
         plant.split[0] *= 0.9
 
-    story = play(42, FAULT_S + 5.0, ((FAULT_S, turn),))
-    assert named(story) == [("valve_split", 1)]
+    log = play(42, FAULT_S + 5.0, ((FAULT_S, turn),))
+    assert named(log) == [("valve_split", 1)]
 
 
 def test_a_pump_that_comes_back() -> None:
-    story = play(43, FAULT_S + 30.0, ((FAULT_S, lose(0.4, 1.0)), (FAULT_S + 15.0, lose(1.0, 1.0))))
-    loss, back = story.settled()
+    log = play(43, FAULT_S + 30.0, ((FAULT_S, lose(0.4, 1.0)), (FAULT_S + 15.0, lose(1.0, 1.0))))
+    loss, back = log.settled()
     assert (loss.is_recovery, back.is_recovery) == (False, True)
     assert back.isolated_s is not None
     assert back.isolated_s - FAULT_S - 15.0 < 1.0
-    assert story.last.diagnosis.effectiveness == (1.0, 1.0)
+    assert log.last.diagnosis.effectiveness == (1.0, 1.0)
 
 
 def test_a_dead_pump_stands_by_the_other_does_what_it_can_and_all_is_well_when_it_comes_back() -> None:
     """No feedback through a pump that doesn't move water, no windup, nothing latched at the end."""
-    story = play(50, 280.0, ((FAULT_S, lose(0.0, 1.0)), (170.0, lose(1.0, 1.0))))
-    dead, late = story.commands_V[1000:1700], story.true_V[1690]
+    log = play(50, 280.0, ((FAULT_S, lose(0.0, 1.0)), (170.0, lose(1.0, 1.0))))
+    dead, late = log.commands_V[1000:1700], log.true_V[1690]
     assert max(v1 for v1, _ in dead) - min(v1 for v1, _ in dead) < 0.01
     assert 2.0 < dead[0][0] < 4.0
-    assert late[:2] == pytest.approx(story.states[1690].law.target_V, abs=0.05)
-    assert named(story) == [("pump_effectiveness", 1)] * 2
-    assert story.settled()[1].is_recovery
-    assert story.true_V[-1][:2] == pytest.approx(story.last.reference_V, abs=0.05)
+    assert late[:2] == pytest.approx(log.states[1690].law.target_V, abs=0.05)
+    assert named(log) == [("pump_effectiveness", 1)] * 2
+    assert log.settled()[1].is_recovery
+    assert log.true_V[-1][:2] == pytest.approx(log.last.reference_V, abs=0.05)
 
 
 @pytest.mark.parametrize("left", [(0.25, 1.0), (1.0, 0.2)])
 def test_a_pump_at_its_limit_does_not_latch(left: Pair) -> None:
-    story = play(51, 330.0, ((FAULT_S, lose(*left)), (200.0, lose(1.0, 1.0))))
+    log = play(51, 330.0, ((FAULT_S, lose(*left)), (200.0, lose(1.0, 1.0))))
     weak = left.index(min(left))
-    held = [command[weak] for command in story.commands_V[1500:2000]]
+    held = [command[weak] for command in log.commands_V[1500:2000]]
     assert min(held) > 8.0
-    assert story.true_V[1990][1 - weak] == pytest.approx(story.states[1990].law.target_V[1 - weak], abs=0.05)
-    assert story.true_V[-1][:2] == pytest.approx(story.last.reference_V, abs=0.05)
+    assert log.true_V[1990][1 - weak] == pytest.approx(log.states[1990].law.target_V[1 - weak], abs=0.05)
+    assert log.true_V[-1][:2] == pytest.approx(log.last.reference_V, abs=0.05)
 
 
 def test_one_fault_after_the_other() -> None:
@@ -192,23 +192,23 @@ def test_one_fault_after_the_other() -> None:
         (FAULT_S + 10.0, put("bias", 2, 0.2)),
         (FAULT_S + 20.0, lose(0.6, 0.7)),
     )
-    story = play(44, FAULT_S + 30.0, faults)
-    assert named(story) == [("pump_effectiveness", 1), ("sensor_bias", 3), ("pump_effectiveness", 2)]
-    assert story.last.diagnosis.effectiveness == pytest.approx((0.6, 0.7), abs=0.02)
-    assert [alarm.number for alarm in story.settled()] == sorted({alarm.number for alarm in story.alarms})
+    log = play(44, FAULT_S + 30.0, faults)
+    assert named(log) == [("pump_effectiveness", 1), ("sensor_bias", 3), ("pump_effectiveness", 2)]
+    assert log.last.diagnosis.effectiveness == pytest.approx((0.6, 0.7), abs=0.02)
+    assert [alarm.number for alarm in log.settled()] == sorted({alarm.number for alarm in log.alarms})
 
 
 @pytest.mark.parametrize(("seed", "after_s"), [(51, 2.0), (54, 5.5), (53, 5.5), (55, 6.0)])
 def test_a_second_fault_before_the_first_is_settled(seed: int, after_s: float) -> None:
     """The readings fit no single fault any more: the first is settled as it stood, the second is found from there."""
     faults = ((FAULT_S, put("drift", 1, -0.087)), (FAULT_S + after_s, lose(0.12, 1.0)))
-    story = play(seed, FAULT_S + after_s + 8.0, faults)
-    assert named(story) == [("sensor_drift", 2), ("pump_effectiveness", 1)]
-    drift, loss = story.settled()
+    log = play(seed, FAULT_S + after_s + 8.0, faults)
+    assert named(log) == [("sensor_drift", 2), ("pump_effectiveness", 1)]
+    drift, loss = log.settled()
     assert drift.size == pytest.approx(-0.087, abs=0.003)
     assert loss.isolated_s is not None
     assert loss.isolated_s - FAULT_S - after_s < 1.5
-    assert story.last.diagnosis.effectiveness == pytest.approx((0.12, 1.0), abs=0.01)
+    assert log.last.diagnosis.effectiveness == pytest.approx((0.12, 1.0), abs=0.01)
 
 
 @pytest.mark.parametrize("stuck_V", [1.5, 4.5, 10.0])
@@ -216,17 +216,15 @@ def test_a_pump_that_does_not_follow_its_voltage(stuck_V: float) -> None:
     def freeze(plant: Plant) -> None:
         plant.frozen_V[0] = stuck_V
 
-    story = play(45, FAULT_S + 15.0, ((FAULT_S, freeze),), (*SOUND, (FAULT_S + 6.0, 0.3)))
-    assert any(state.diagnosis.stuck_on == (True, False) for state in story.states)
+    log = play(45, FAULT_S + 15.0, ((FAULT_S, freeze),), (*EARLY_STEP, (FAULT_S + 6.0, 0.3)))
+    assert any(state.diagnosis.stuck_on == (True, False) for state in log.states)
 
 
 def test_flapping_at_the_threshold_changes_the_gains_once_in_ten_seconds() -> None:
     faults = tuple((FAULT_S + 3.0 * n, lose(0.96 if n % 2 == 0 else 1.0, 1.0)) for n in range(10))
-    story = play(46, FAULT_S + 30.0, faults)
+    log = play(46, FAULT_S + 30.0, faults)
     changes = [
-        n * PERIOD_S
-        for n in range(1, len(story.states))
-        if story.states[n].law_for[1] != story.states[n - 1].law_for[1]
+        n * PERIOD_S for n in range(1, len(log.states)) if log.states[n].law_for[1] != log.states[n - 1].law_for[1]
     ]
     assert len(changes) >= 1
     assert all(later - earlier >= 10.0 - 1e-6 for earlier, later in pairwise(changes))

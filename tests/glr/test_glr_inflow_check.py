@@ -11,7 +11,7 @@ CONFIG = DETECTOR.config
 
 
 def watched(seed: int, pump_V: Pair, effectiveness: list[float] | Pair, steps: int = 14, before: int = 30) -> Memory:
-    """A rig that runs sound for some periods at 3 V, then for some more as given; the detector's memory."""
+    """A rig that runs healthy for some periods at 3 V, then for some more as given; the detector's memory."""
     plant, memory = Plant(seed), None
     for number in range(before + steps):
         if number == before:

@@ -51,7 +51,7 @@ def wandering(periods: int) -> npt.NDArray[np.float64]:
 
 @pytest.mark.parametrize("noise_V", [0.002, 0.005, 0.0075, 0.05])
 @pytest.mark.parametrize("seed", [1, 2])
-def test_a_sound_sensor_is_never_called_stuck(noise_V: float, seed: int) -> None:
+def test_a_healthy_sensor_is_never_called_stuck(noise_V: float, seed: int) -> None:
     assert watch(Sensor(noise_V, seed), SensorStatistics(FILE_NOISE_V**2), wandering(20_000)) == []
 
 
@@ -87,7 +87,7 @@ def test_a_sensor_without_noise_is_not_judged() -> None:
     assert stuck == []
 
 
-def test_a_run_as_long_as_one_before_it_is_no_news() -> None:
+def test_a_run_as_long_as_one_before_it_is_not_called_stuck() -> None:
     """A quiet signal repeats itself for as long as it lies in the middle of a code, however rarely it did before."""
     sensor, statistics = Sensor(0.005, 6), SensorStatistics(FILE_NOISE_V**2)
     watch(sensor, statistics, wandering(300))

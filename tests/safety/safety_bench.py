@@ -16,7 +16,7 @@ from hil.core.controller import ControllerConfig
 from hil.core.design import choose_rig_design
 from hil.core.diagnosis.ideal import NoDetector
 from hil.core.estimator import LevelFilter
-from hil.core.interlocks import NO_FAULT, Belief, Limits
+from hil.core.interlocks import NO_FAULT, Belief
 from hil.core.reconfiguration import Reconfiguration
 from hil.core.tanks import TankModel, equilibrium, linearise
 from hil.core.types import (
@@ -36,6 +36,7 @@ from hil.core.types import (
 )
 from hil.loop import ControlLoop, Outcome
 from hil.wire.contract import Contract
+from tests.core import core_bench
 from tests.narrowing import not_none, pair, quad
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -47,30 +48,7 @@ PERIOD_NS = 100 * MS
 START_NS = 1000 * MS
 BENCH = TankModel()
 REST_V = quad(0.5 * h for h in equilibrium(BENCH, (3.0, 3.0)))
-LIMITS = Limits(
-    range_V=(0.0, 10.0),
-    rate_V_s=20.0,
-    stop_ramp_V_s=10.0,
-    model=BENCH,
-    lag_s=0.2,
-    level_gain_V_cm=0.5,
-    level_max_cm=19.0,
-    rim_margin_cm=0.5,
-    levels_age_max_s=0.3,
-    status_age_max_s=0.3,
-    heartbeat_age_max_s=0.25,
-    echo_age_max_s=0.5,
-    echo_tolerance_V=0.05,
-    echo_mismatch_s=0.2,
-    invalid_run_max=3,
-    refused_run_max=5,
-    errors_per_s_max=20,
-    dead_below=0.1,
-    dry_run_V=0.5,
-    stops_on_dead_pump=False,
-    stops_on_lost_lower_level=False,
-    bypass_max_s=600.0,
-)
+LIMITS = replace(core_bench.LIMITS, stop_ramp_V_s=10.0)
 HEALTHY = Inputs(
     Measurement(REST_V, (True,) * 4, 0.01, 5),
     PumpFeedback((3.0, 3.0), (0.0, 0.0), NodeState.RUN, 0, 0.02, 0.0),
