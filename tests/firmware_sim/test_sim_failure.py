@@ -12,6 +12,7 @@ from firmware_sim.setting_types import accepts
 from tests.firmware_sim.fault_bench import as_bytes, drive, fault, named, rig_with, run_s
 from tests.firmware_sim.sim_bench import ROOT, SECOND
 from tests.narrowing import not_none
+from tools.reference.fault_kinds import fault_kinds_page
 
 
 class Recorder:
@@ -233,9 +234,10 @@ def test_reboot_by_command_twice_counts_twice() -> None:
     assert int.from_bytes(heartbeat[1:3], "little") == 3
 
 
-def test_the_table_of_the_documents_has_every_kind_and_word() -> None:
+def test_the_page_of_fault_kinds_has_every_kind_and_word_and_the_page_of_faults_every_component() -> None:
+    page = fault_kinds_page()
+    for kind, table in KINDS.items():
+        assert f"| `{kind}` |" in page
+        assert all(f"`{call.component} {call.word}`" in page for call in table.words)
     text = (ROOT / "docs/reference/faults.md").read_text()
-    assert all(f"| `{kind}` |" in text for kind in KINDS)
     assert all(f"`{name}`" in text for name in COMPONENTS)
-    words = {word for part in COMPONENTS.values() for word in part.types} - set(KINDS)
-    assert all(f"`{word}`" in text for word in words)
