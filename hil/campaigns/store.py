@@ -1,7 +1,8 @@
 """The campaign's folder: rows as they come, and the table made of them.
 
 `outcomes.jsonl` gets a line for each run that ends, flushed at once, and is all that a restart needs: what is in it is
-not run again. A kill loses the runs under way; half a line at its end is left out. `outcomes.parquet` is made of it.
+not run again. If the program is killed, only unfinished runs are lost; half a line at the end is left out.
+`outcomes.parquet` is made of it.
 """
 
 from __future__ import annotations

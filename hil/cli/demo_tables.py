@@ -50,7 +50,7 @@ def _paper(figures: Mapping[str, Figures]) -> Table:
     for name in ("output", "paper", "ideal", "off by", "rig"):
         table.add_column(name, justify="right")
     strategies = {
-        "kept": (NO_RECONFIGURATION, table3.PAPER_KEPT_VS),
+        "kept": (NO_RECONFIGURATION, table3.PAPER_NO_RECONFIGURATION_VS),
         "reconfigured": (IDEAL_DETECTOR, table3.PAPER_RECONFIGURED_VS),
     }
     for window in table3.TITLES:

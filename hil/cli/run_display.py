@@ -1,4 +1,4 @@
-"""What the commands show on the terminal: progress, a live status table, the end of a run."""
+"""What the commands show on the terminal: progress, a live status table, the results of a run."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def progress(console: Console, bench: Bench, duration_s: float | None = None) ->
 class LiveStatus:
     """A table that follows the run on a terminal; events and changes of mode as lines anywhere.
 
-    `watch` only takes note; a thread of its own draws, so that a terminal that is held up holds up nothing else.
+    `watch` only stores the step; a thread of its own draws, so that a blocked terminal does not delay the loop.
     """
 
     def __init__(self, console: Console) -> None:
@@ -71,7 +71,7 @@ class LiveStatus:
         self._thread.join(timeout=1.0)
 
     def watch(self, inputs: Inputs, output: Output, mode: Mode) -> None:
-        """Take note of a step."""
+        """Store a step, to be drawn by the thread."""
         self._lines.extend(f"{e.severity.value:5} {e.text}" for e in output.events if e.code != "mode")
         if mode is not self._mode:
             self._mode = mode
@@ -93,7 +93,7 @@ class LiveStatus:
 
 @contextmanager
 def live_status(console: Console, *, with_table: bool) -> Iterator[Callable[[Inputs, Output, Mode], None] | None]:
-    """What to call at each step; None in real time, where no other thread may hold up the loop's."""
+    """What to call at each step; None in real time, where no other thread may delay the loop's."""
     if not with_table:
         yield None
         return

@@ -48,12 +48,12 @@ _STYLE: dict[Any, Any] = {
     "path.simplify_threshold": 0.3,
 }
 _WIDTH_IN, _HEIGHT_IN = 5.8, 2.75
-_MOST_POINTS = 1500
+_MAX_POINTS = 1500
 
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """A run as the figures need it. injected : pump -> what was done to it, (time in s, share of the gain left)."""
+    """A run as the figures need it. injected : pump -> injected faults, (time in s, effectiveness)."""
 
     name: str
     color: str
@@ -68,11 +68,11 @@ def style() -> AbstractContextManager[None]:
     return mpl.rc_context(_STYLE)
 
 
-def thin(times_s: Floats, values: Floats, most: int = _MOST_POINTS) -> tuple[Floats, Floats]:
-    """At most about `most` points of a series: of every bunch its lowest and its highest, so that no peak is lost."""
-    if len(times_s) <= most:
+def thin(times_s: Floats, values: Floats, max_points: int = _MAX_POINTS) -> tuple[Floats, Floats]:
+    """At most about `max_points` points of a series: the lowest and the highest of every bunch, so that peaks stay."""
+    if len(times_s) <= max_points:
         return times_s, values
-    bunch = -(-len(times_s) // (most // 2))
+    bunch = -(-len(times_s) // (max_points // 2))
     starts = np.arange(0, len(values), bunch)
     keep = {0, len(values) - 1}
     for start in starts:
@@ -86,7 +86,7 @@ def thin(times_s: Floats, values: Floats, most: int = _MOST_POINTS) -> tuple[Flo
 
 
 def actuator_gains(trace: Trace) -> str:
-    """Figure 2: what is left of each pump's gain, as diagnosed, over what was done to the pumps."""
+    """Figure 2: the effectiveness of each pump, as diagnosed, over the injected one."""
     figure, (axes,) = panels(1)
     times_s = trace.ticks["t_s"]
     for pump, changes in sorted(trace.injected.items()):
@@ -165,7 +165,7 @@ def error_so_far(traces: Sequence[Trace]) -> str:
 
 
 def lateness(trace: Trace) -> str:
-    """How late the steps began: a histogram with a logarithmic count, so that the rare late ones show."""
+    """How late the steps began: a histogram with a logarithmic count, so that rare late steps are visible."""
     figure, (axes,) = panels(1)
     late_ms = trace.ticks["lateness_s"] * 1e3
     late_ms = late_ms[np.isfinite(late_ms)]

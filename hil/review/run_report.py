@@ -15,11 +15,11 @@ from hil.review import page, run_figures, table3
 from hil.review.kpi import Kpi, evaluate, level_gain, output_levels
 from hil.review.ticks import LoggedEvent, Ticks, read
 
-MOST_EVENTS = 400
+MAX_EVENTS = 400
 BROKEN = {
-    "overflow": "A level reached the rim.",
-    "dry_run": "A pump ran on without water.",
-    "applied_out_of_range": "A pump's voltage was out of its range.",
+    "overflow": "A tank overflowed: a level reached the rim.",
+    "dry_run": "A pump ran without water.",
+    "applied_out_of_range": "A pump's voltage was outside its range.",
 }
 
 
@@ -35,7 +35,7 @@ class Run:
     @property
     def strategy(self) -> str:
         """The strategy's name, as the paper has it."""
-        return "gains reconfigured" if self.manifest.plan.reconfigure else "gains kept"
+        return table3.RECONFIGURATION if self.manifest.plan.reconfigure else table3.NO_RECONFIGURATION
 
 
 def write_report(folder: RunFolder, compare: RunFolder | None = None) -> Path:
@@ -78,7 +78,7 @@ def _load(folder: RunFolder) -> Run:
 def _header(manifest: Manifest) -> str:
     plan = manifest.plan
     reason = manifest.reason or (
-        "The process ended without writing down how; all that was recorded until then is here."
+        "Unfinished: the process did not record how the run ended. What it recorded until then is shown."
         if manifest.status == "running"
         else ""
     )
@@ -110,7 +110,7 @@ def _cards(kpi: Kpi, *, is_live: bool) -> str:
         ("alarms, trips", f"{len(kpi.alarms)}, {len(kpi.trips)}"),
     ]
     if kpi.false_alarms is not None and kpi.spurious_alarms is not None:
-        pairs.append(("false alarms, spurious ones", f"{kpi.false_alarms}, {kpi.spurious_alarms}"))
+        pairs.append(("false alarms, spurious alarms", f"{kpi.false_alarms}, {kpi.spurious_alarms}"))
     if kpi.iae_after_fault_Vs is not None:
         first_Vs, second_Vs = kpi.iae_after_fault_Vs
         pairs.append(("IAE after the fault, outputs 1, 2", f"{first_Vs:.3g}, {second_Vs:.3g} V s"))
@@ -193,15 +193,15 @@ def _figures(run: Run, other: Run | None) -> str:
     source = "true levels" if run.ticks.has_truth else "estimated levels"
     with run_figures.style():
         parts = [
-            ("Figure 2.", "Gain of the pumps, as diagnosed.", run_figures.actuator_gains(traces[0])),
+            ("Figure 2.", "Effectiveness of the pumps, as diagnosed.", run_figures.actuator_gains(traces[0])),
             ("Upper tanks.", "Levels of tanks 3 and 4.", run_figures.upper_tanks(traces[0], gain_V_cm)),
             ("Figure 3.", f"Output 1 and its reference ({source}).", run_figures.output(1, traces)),
             ("Figure 4.", f"Output 2 and its reference ({source}).", run_figures.output(2, traces)),
             ("Figure 5.", "Command signals.", run_figures.commands(traces)),
-            ("Error.", "Its integral so far; output 2 dashed.", run_figures.error_so_far(traces)),
+            ("Error.", "Integral of the absolute error so far; output 2 dashed.", run_figures.error_so_far(traces)),
         ]
         if run.manifest.plan.mode == "live":
-            parts.append(("Timing.", "How late the control steps began.", run_figures.lateness(traces[0])))
+            parts.append(("Timing.", "Lateness of the control steps.", run_figures.lateness(traces[0])))
     return '<div class="figures">' + "".join(page.figure(svg, title, text) for title, text, svg in parts) + "</div>\n"
 
 
@@ -218,7 +218,7 @@ def _trace(run: Run, name: str, color: str) -> run_figures.Trace:
 
 
 def injected_pump_faults(copies: Any) -> dict[int, list[tuple[float, float]]]:
-    """The pump faults that the scenario's copy asks for: pump -> (time in s, share of the gain left), by time."""
+    """The pump faults that the scenario's copy lists: pump -> (time in s, effectiveness), by time."""
     faults: dict[int, list[tuple[float, float]]] = {}
     for text in copies.values():
         try:
@@ -232,7 +232,7 @@ def injected_pump_faults(copies: Any) -> dict[int, list[tuple[float, float]]]:
 
 
 def _event_table(events: Sequence[LoggedEvent]) -> str:
-    shown = events[:MOST_EVENTS]
+    shown = events[:MAX_EVENTS]
     rows = [[f"{event.t_s:.2f}", event.severity, event.code, event.text] for event in shown]
     note = ""
     if len(events) > len(shown):

@@ -98,16 +98,22 @@ def test_case_51_estimator_raises(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_case_54_no_viewer_at_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """There is no viewer, no screen and nothing to start one with: the timeline opens within 0.5 s all the same."""
+    """There is no viewer, no screen and nothing to start one with: the timeline opens within 0.5 s all the same.
+
+    The fastest of three counts: to look for a viewer costs 5 s each time, a busy machine not every time.
+    """
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("PATH", "")
-    began_s = time.perf_counter()
-    card, layout = RunCard("t", {}, ""), blueprint("live", 10.0)
-    log = RerunLog(tmp_path / "run.rrd", card, level_gain_V_cm=0.5, mode="live", blueprint=layout)
-    assert time.perf_counter() - began_s < 0.5
-    log.close()
-    assert (tmp_path / "run.rrd").stat().st_size > 0
+    took_s = []
+    for name in ("first", "second", "third"):
+        began_s = time.perf_counter()
+        card, layout = RunCard(name, {}, ""), blueprint("live", 10.0)
+        log = RerunLog(tmp_path / f"{name}.rrd", card, level_gain_V_cm=0.5, mode="live", blueprint=layout)
+        took_s.append(time.perf_counter() - began_s)
+        log.close()
+        assert (tmp_path / f"{name}.rrd").stat().st_size > 0
+    assert min(took_s) < 0.5
 
 
 def test_case_48_busy_thread(tmp_path: Path) -> None:

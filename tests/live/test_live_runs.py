@@ -54,9 +54,9 @@ def test_a_recorder_that_is_killed_does_not_stop_the_run(tmp_path: Path) -> None
         last = rig.pump()[-1]
     assert (last["state"], last["applied_V"], last["cause"]) == ("ready", [0.0, 0.0], "disabled")
     assert rig.pump()[-1]["t_s"] > 4.0
-    assert run.err == (
+    assert run.err.splitlines()[-1] == (
         f"hil: {run.folder}: the record is incomplete: {run.json('run.json')['recorder']['errors'][0]} (and 1 more); "
-        "the run: complete, duration over\n"
+        "the run: complete, duration over"
     )
     manifest = run.json("run.json")
     assert manifest["status"] == "complete"

@@ -14,5 +14,5 @@ def whole_run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
 
 
 @pytest.fixture(scope="session")
-def kept_run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
-    return toy.record_run(tmp_path_factory.mktemp("runs") / "kept", reconfigure=False)
+def run_without_reconfiguration(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
+    return toy.record_run(tmp_path_factory.mktemp("runs") / "no_reconfiguration", reconfigure=False)

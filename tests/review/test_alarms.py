@@ -3,6 +3,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import pytest
+
 from hil.review.alarms import Injected, injected, judge, merged
 
 PUMP = Injected("pump_effectiveness", 1, 0.4, 100.0)
@@ -72,6 +74,24 @@ def test_a_fault_of_the_bus_explains_no_alarm() -> None:
     bus = Injected("frame_loss", 0, 0.05, 10.0)
     findings = merged([alarm(50.0)])
     assert judge((bus,), findings).false == findings
+
+
+@pytest.mark.parametrize(
+    ("alarms", "is_right"),
+    [
+        ([alarm(101.0)], True),
+        ([], False),
+        ([alarm(101.0, "leak")], False),
+        ([alarm(101.0), alarm(50.0, "leak", number=2)], False),
+        ([alarm(101.0), alarm(150.0, "leak", number=2)], False),
+    ],
+    ids=["named", "missed", "misnamed", "with a false alarm", "with a spurious alarm"],
+)
+def test_a_diagnosis_is_right_when_it_names_the_fault_and_nothing_else(
+    alarms: list[dict[str, Any]], is_right: bool
+) -> None:
+    """Only the campaigns' tests noticed when false and spurious alarms no longer counted here."""
+    assert judge((PUMP,), merged(alarms)).is_right == is_right
 
 
 def test_a_scenarios_faults_are_taken_in_their_order() -> None:

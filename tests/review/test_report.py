@@ -35,8 +35,8 @@ class Tags(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def page(whole_run: RunFolder, kept_run: RunFolder) -> str:
-    return write_report(whole_run, kept_run).read_text(encoding="utf-8")
+def page(whole_run: RunFolder, run_without_reconfiguration: RunFolder) -> str:
+    return write_report(whole_run, run_without_reconfiguration).read_text(encoding="utf-8")
 
 
 def test_report_stands_alone(page: str) -> None:
@@ -52,7 +52,7 @@ def test_report_has_the_papers_figures_and_its_table(page: str) -> None:
         assert f"<b>Figure {number}.</b>" in page
     assert Tags(page).tags.count("svg") == 6
     assert "Timing." not in page, "a simulated clock is never late"
-    assert "gains kept" in page
+    assert "no reconfiguration" in page
     for figure in ("13.07", "9.231", "0.702", "0.501", "9.348", "9.405", "6.189", "6.234"):
         assert f">{figure}<" in page
 
@@ -116,8 +116,8 @@ def test_thinning_keeps_the_peaks_and_the_ends() -> None:
     assert (np.diff(thin_s) > 0).all()
 
 
-def test_table_3_has_paper_and_run_side_by_side(whole_run: RunFolder, kept_run: RunFolder) -> None:
-    both = table3.lines(compute(whole_run), compute(kept_run))
+def test_table_3_has_paper_and_run_side_by_side(whole_run: RunFolder, run_without_reconfiguration: RunFolder) -> None:
+    both = table3.lines(compute(whole_run), compute(run_without_reconfiguration))
     assert [line.paper_Vs for line in both] == [(13.07, 9.231), (0.702, 0.501), (9.348, 9.405), (6.189, 6.234)]
     assert all(line.ours_Vs is not None for line in both)
     assert [line.ours_Vs is None for line in table3.lines(compute(whole_run))] == [True, False, True, False]
@@ -132,6 +132,6 @@ def test_view_without_a_screen_says_where_the_report_is(whole_run: RunFolder, mo
         view(whole_run)
 
 
-def test_view_of_a_run_without_a_recording_says_so(kept_run: RunFolder) -> None:
+def test_view_of_a_run_without_a_recording_says_so(run_without_reconfiguration: RunFolder) -> None:
     with pytest.raises(NoViewerError, match=r"no run\.rrd"):
-        view(kept_run)
+        view(run_without_reconfiguration)

@@ -62,11 +62,30 @@ def test_opening_something_else_is_a_clear_error(tmp_path: Path) -> None:
         RunFolder.open(tmp_path)
 
 
-@pytest.mark.parametrize("text", ["", "{}", '{"format": 99}', "[1]"])
+@pytest.mark.parametrize("text", ["", "{}", '{"format": 2}', "[1]"])
 def test_a_damaged_manifest_is_a_clear_error(tmp_path: Path, text: str) -> None:
     folder = RunFolder.create(tmp_path / "run", toy.plan())
     folder.manifest_path.write_text(text)
-    with pytest.raises(RunFolderError):
+    with pytest.raises(RunFolderError, match="not a run's manifest"):
+        folder.manifest()
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "why"),
+    [
+        ("format", 0, "run.json has format 0, this program reads 1 and 2"),
+        ("format", 3, "run.json has format 3, this program reads 1 and 2"),
+        ("status", "asleep", "run.json has the unknown status 'asleep'"),
+    ],
+)
+def test_a_manifest_that_is_whole_but_not_of_ours_is_refused_for_that(
+    tmp_path: Path, key: str, value: object, why: str
+) -> None:
+    """The format was tried with a manifest that lacked everything else, too; the check of it could be removed."""
+    folder = RunFolder.create(tmp_path / "run", toy.plan())
+    raw = json.loads(folder.manifest_path.read_text())
+    folder.manifest_path.write_text(json.dumps({**raw, key: value}))
+    with pytest.raises(RunFolderError, match=why):
         folder.manifest()
 
 

@@ -2,7 +2,7 @@
 
     loop -> ProcessRecorder -> batches over a local socket -> this module as a program -> Recorder -> run folder
 
-A batch is handed over when a step ends; what the socket does not take waits in a bounded queue, whose oldest batches
+A batch is handed over when a step ends; what the socket does not accept waits in a bounded queue, whose oldest batches
 are dropped and counted. A killed controller loses what it had not yet handed over, at most one step; the other end
 then finishes the files by itself. A recorder that dies is noticed at the next step: the loop goes on without a record,
 and the folder says so at the end.
@@ -32,19 +32,19 @@ from hil.edge.record.run_folder import RunFolder, RunFolderError, Status
 if TYPE_CHECKING:  # it takes longer to import than all the rest of the recorder's process
     import can
 
-LONGEST_BATCH = 200
+MAX_BATCH = 200
 """Entries; some 10 kB, of the 200 kB or more that the socket takes."""
 
-OLDEST_S = 0.05
+MAX_BATCH_AGE_S = 0.05
 """While no steps are recorded, frames are handed over when the first of a batch is this old."""
 
-LARGEST_MESSAGE = 1 << 20
+MAX_MESSAGE = 1 << 20
 FLUSH_S = 0.1
 FLUSHES_PER_TIMELINE = 600
-"""Rerun keeps account of every chunk until the file is closed: sent five times a second they took 4 MB a minute. A
-killed controller costs none of it, since this process goes on and closes the file."""
-GIVE_BACK = {"MIMALLOC_PURGE_DELAY": "0"}
-"""To Rerun's allocator: what it keeps of freed memory for later grew for the first hours of a run."""
+"""Rerun keeps every chunk's entry in memory until the file is closed: at five chunks a second 4 MB a minute. If the
+controller is killed nothing is lost, since this process goes on and closes the file."""
+ALLOCATOR_SETTINGS = {"MIMALLOC_PURGE_DELAY": "0"}
+"""Tells Rerun's allocator to return freed memory at once; otherwise its reserve grows for the first hours of a run."""
 
 START_TIMEOUT_S = 60.0
 CLOSE_TIMEOUT_S = 90.0
@@ -57,8 +57,8 @@ Opener = Callable[[], Recorder]
 class ProcessRecorder:
     """A `Recorder` in another process, with its methods. No call waits but `open` and `close`. Use as a context.
 
-    The process is started at once, since that takes as long as loading its libraries; `open` tells it which record to
-    make. Use from one thread. capacity : entries that may wait here.
+    The process is started at once, since loading its libraries takes as long; `open` tells it which record to make. Use
+    from one thread. capacity : entries that may wait here.
     """
 
     def __init__(self, *, capacity: int = 50_000) -> None:
@@ -68,8 +68,8 @@ class ProcessRecorder:
                 [sys.executable, "-m", "hil.edge.record.recorder_process", str(theirs.fileno())],
                 pass_fds=(theirs.fileno(),),
                 stdin=subprocess.DEVNULL,
-                env={**GIVE_BACK, **os.environ},
-                start_new_session=True,  # Ctrl-C and a closed terminal are the controller's business
+                env={**ALLOCATOR_SETTINGS, **os.environ},
+                start_new_session=True,  # Ctrl-C and a closed terminal are for the controller alone
             )
         self._capacity = capacity
         self._folder: RunFolder | None = None
@@ -88,7 +88,7 @@ class ProcessRecorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Let go of the process: without `close`, it leaves the record as that of an interrupted run."""
+        """Disconnect from the process: without `close`, it leaves the record as that of an interrupted run."""
         self._socket.close()
         if self._folder is None:
             self._process.kill()
@@ -103,7 +103,7 @@ class ProcessRecorder:
         self._socket.settimeout(START_TIMEOUT_S)
         try:
             self._socket.send(pickle.dumps(opener))
-            answer: Any = pickle.loads(self._socket.recv(LARGEST_MESSAGE) or pickle.dumps("it ended"))  # noqa: S301 - our own child
+            answer: Any = pickle.loads(self._socket.recv(MAX_MESSAGE) or pickle.dumps("it ended"))  # noqa: S301 - our own child
         except OSError as error:
             answer = str(error)
         if answer is not None:
@@ -111,9 +111,9 @@ class ProcessRecorder:
         self._socket.setblocking(False)
 
     def tick(self, record: TickRecord, true_level_cm: Quad | None = None) -> None:
-        """Hand over one step and all that came before it."""
+        """Hand over one step and all entries before it."""
         self._t_s = record.t_s
-        self._hear()
+        self._poll_status()
         self._append("tick", record, true_level_cm, self._put - self._taken - self._dropped)
         self._hand_over()
 
@@ -122,13 +122,13 @@ class ProcessRecorder:
         if not self._batch:
             self._batch_since_s = timestamp_s
         self._append("frame", timestamp_s, arbitration_id, data, is_rx)
-        if timestamp_s - self._batch_since_s > OLDEST_S or len(self._batch) >= LONGEST_BATCH:
+        if timestamp_s - self._batch_since_s > MAX_BATCH_AGE_S or len(self._batch) >= MAX_BATCH:
             self._hand_over()
 
     def message(self, timestamp_s: float, message: can.Message) -> None:
         """Note any python-can message."""
         self._append("message", timestamp_s, message)
-        if len(self._batch) >= LONGEST_BATCH:
+        if len(self._batch) >= MAX_BATCH:
             self._hand_over()
 
     def event(self, t_s: float, event: Event) -> None:
@@ -143,7 +143,7 @@ class ProcessRecorder:
     def close(
         self, status: Status, reason: str, *, speed_x: float | None = None, timeout_s: float = CLOSE_TIMEOUT_S
     ) -> None:
-        """Finish the record. A recorder that is lost, or stuck for so long, is left behind and `run.json` says so."""
+        """Finish the record. A recorder that is lost, or stuck for `timeout_s`, is given up; `run.json` says so."""
         self._hand_over()
         end_s = time.monotonic() + timeout_s
         while self._queue and self._lost_at_s is None and time.monotonic() < end_s:
@@ -189,13 +189,13 @@ class ProcessRecorder:
                 continue
             self._queued -= self._queue.popleft()[1]
 
-    def _hear(self) -> None:
-        """Take what the recorder says of itself: entries taken, what has failed."""
+    def _poll_status(self) -> None:
+        """Read the recorder's status messages: how many entries it has taken, what has failed."""
         if self._lost_at_s is not None:
             return
         with contextlib.suppress(BlockingIOError):
             try:
-                while data := self._socket.recv(LARGEST_MESSAGE):
+                while data := self._socket.recv(MAX_MESSAGE):
                     self._taken, self._errors = pickle.loads(data)  # noqa: S301 - our own child
                 self._lose("the recorder is lost: it ended")
             except ConnectionError as error:
@@ -209,18 +209,18 @@ class ProcessRecorder:
         try:
             code = self._process.wait(max(end_s - time.monotonic(), 0.0))
         except subprocess.TimeoutExpired:
-            self._lose("the recorder is stuck and left behind")
+            self._lose("the recorder is stuck and given up")
             self._process.kill()
             return
         if code != 0:
             self._lose(f"the recorder ended with {code}")
             return
         with contextlib.suppress(OSError):
-            while data := self._socket.recv(LARGEST_MESSAGE):
+            while data := self._socket.recv(MAX_MESSAGE):
                 self._taken, self._errors = pickle.loads(data)  # noqa: S301 - our own child
 
     def _finish_without(self, status: Status, reason: str, speed_x: float | None) -> None:
-        """Say in the folder what its recorder no longer could; a disk that takes no more is no news."""
+        """Write how the run ended in place of the lost recorder. A disk that takes no more was reported before."""
         if self._folder is None:
             return
         text = self._errors[-1]
@@ -239,18 +239,18 @@ class _Writer:
     def __init__(self, recorder: Recorder, line: socket.socket) -> None:
         self._recorder, self._line = recorder, line
         self._taken = self._rounds = 0
-        self._told: object = None
+        self._sent_status: object = None
         self._has_failed_entry = False
         self._is_closed = False
 
     def work(self) -> None:
-        """Until told to close, or until the controller is gone."""
+        """Until the controller asks to close, or is gone."""
         flush_at_s = time.monotonic() + FLUSH_S
         while not self._is_closed:
             remaining_s = flush_at_s - time.monotonic()
             if remaining_s > 0.0:
                 if select.select([self._line], [], [], remaining_s)[0]:
-                    data = self._heard()
+                    data = self._receive()
                     if not data:
                         break
                     self._take(pickle.loads(data))  # noqa: S301 - from our own parent
@@ -260,12 +260,14 @@ class _Writer:
         if not self._is_closed:
             self._recorder.abandon()
 
-    def _heard(self) -> bytes:
+    def _receive(self) -> bytes:
         """The next batch; empty when the controller is gone and all that it had sent is taken."""
         try:
-            return self._line.recv(LARGEST_MESSAGE)
-        except ConnectionResetError:  # said once, ahead of what still waits, when it went without hearing our news
-            return self._line.recv(LARGEST_MESSAGE)
+            return self._line.recv(MAX_MESSAGE)
+        except (
+            ConnectionResetError
+        ):  # raised once, before the entries that still wait, when it ended with status unread
+            return self._line.recv(MAX_MESSAGE)
 
     def _take(self, batch: list[Entry]) -> None:
         for name, arguments in batch:
@@ -286,7 +288,7 @@ class _Writer:
             text = f"the record has gaps: the queue was full, {dropped} entries dropped"
             self._recorder.event(0.0, Event(Severity.WARNING, "record_dropped", text, {"dropped": dropped}))
         self._recorder.close(status, reason, speed_x=speed_x, dropped=dropped)
-        self._tell()
+        self._send_status()
 
     def _flush(self) -> None:
         self._rounds += 1
@@ -294,22 +296,22 @@ class _Writer:
             self._recorder.flush()
         else:
             self._recorder.flush_files()
-        self._tell()
+        self._send_status()
 
-    def _tell(self) -> None:
-        news = (self._taken, self._recorder.health().errors)
-        if news != self._told:
-            self._told = news
-            with contextlib.suppress(OSError):  # a controller that is stopped or gone hears nothing
-                self._line.send(pickle.dumps(news), socket.MSG_DONTWAIT)
+    def _send_status(self) -> None:
+        status = (self._taken, self._recorder.health().errors)
+        if status != self._sent_status:
+            self._sent_status = status
+            with contextlib.suppress(OSError):  # a controller that is stopped or gone reads nothing
+                self._line.send(pickle.dumps(status), socket.MSG_DONTWAIT)
 
 
 def main(descriptor: int) -> int:
-    """Serve one controller, on a socket that it has left us."""
+    """Serve one controller, on the socket that it has handed to this process."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)  # the record ends when the controller says so, or is gone
+        signal.signal(number, signal.SIG_IGN)  # the record ends when the controller asks for it, or is gone
     with socket.socket(fileno=descriptor) as line:
-        data = line.recv(LARGEST_MESSAGE)
+        data = line.recv(MAX_MESSAGE)
         if not data:
             return 0
         try:
