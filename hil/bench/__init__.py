@@ -1,1 +1,1 @@
-"""From configuration files to objects to a run: in lockstep, live, or one case of a campaign. No terminal."""
+"""Build the objects of a run from configuration files, and run it: in lockstep, live, or as a campaign. No terminal."""

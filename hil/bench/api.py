@@ -223,7 +223,7 @@ def campaign(
     report: bool = True,
     on_row: Callable[[Row], None] | None = None,
 ) -> CampaignResult:
-    """Run scenarios times faults times seeds in lockstep and say what became of each run.
+    """Run scenarios times faults times seeds in lockstep and report the outcome of each run.
 
     Parameters
     ----------
@@ -242,7 +242,7 @@ def campaign(
     scheduler : str, optional
         Address of a Dask scheduler, ``"tcp://host:8786"``.
     out : str or path, optional
-        The campaign's folder; runs that are in it are not made again. Without it nothing is written.
+        The campaign's folder; runs that are in it are not repeated. Without it nothing is written.
     report : bool
         Whether the folder gets `report.html`.
     on_row : callable, optional

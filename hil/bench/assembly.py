@@ -1,4 +1,4 @@
-"""From files to objects: everything a run is made of, live or in lockstep."""
+"""Build the objects of a run, live or in lockstep, from configuration files."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Bench:
     """A scenario with the rig and the contract that it runs on, all checked, and the files that they came from.
 
     rig_file : a rig file beside the configuration folder; None: `rig.toml` in it.
-    design, detector : objects of the user's own in place of what the scenario names; None: as the scenario has it.
+    design, detector : objects of the user's own, used instead of what the scenario names; None: what it names.
     """
 
     scenario: Scenario
@@ -130,7 +130,7 @@ def _with_choices(
 
 
 def load_contract(path: Path) -> Contract:
-    """The DBC; raises SettingsError naming the file and what is wrong with it."""
+    """The wire contract from a DBC file. Raises SettingsError that names the file and what is wrong with it."""
     try:
         return Contract.from_dbc(read_text(path))
     except ContractError as error:
@@ -214,21 +214,21 @@ def reference_schedule(scenario: Scenario, rig: Rig, where: str) -> tuple[tuple[
     k = rig.sensors.gain_V_cm
     highest = k * rig.safety.level_max_cm
     h1, h2, _, _ = equilibrium(rig.tank_model, rig.control.operating_point_V)
-    standing: Pair = (k * h1, k * h2)
-    schedule = [(0.0, standing)]
+    levels_V: Pair = (k * h1, k * h2)
+    schedule = [(0.0, levels_V)]
     for index, reference in enumerate(scenario.reference):
         if reference.change_V is not None:
-            standing = (standing[0] + reference.change_V[0], standing[1] + reference.change_V[1])
+            levels_V = (levels_V[0] + reference.change_V[0], levels_V[1] + reference.change_V[1])
         elif reference.levels_V is not None:
-            standing = reference.levels_V
+            levels_V = reference.levels_V
         elif reference.levels_cm is not None:
-            standing = (k * reference.levels_cm[0], k * reference.levels_cm[1])
-        if not all(0.0 <= level <= highest for level in standing):
+            levels_V = (k * reference.levels_cm[0], k * reference.levels_cm[1])
+        if not all(0.0 <= level <= highest for level in levels_V):
             raise SettingsError(
-                f"{where}: reference[{index}]: leads to {standing[0]:g}, {standing[1]:g} V, outside 0..{highest:g} V "
+                f"{where}: reference[{index}]: leads to {levels_V[0]:g}, {levels_V[1]:g} V, outside 0..{highest:g} V "
                 f"(safety.level_max_cm {rig.safety.level_max_cm:g})"
             )
-        schedule.append((reference.at_s, standing))
+        schedule.append((reference.at_s, levels_V))
     return tuple(schedule)
 
 
@@ -254,7 +254,7 @@ def run_plan(bench: Bench, *, is_live: bool, seed: int | None) -> RunPlan:
 
 
 def _copy_name(bench: Bench, file: Path) -> str:
-    """A scenario may be called anything, rig.toml too; it gets a folder of its own."""
+    """File name of a copy. A scenario may have any name, even rig.toml, so it has a folder of its own."""
     if file == bench.scenario_path:
         return f"scenarios/{file.name}"
     return "rig.toml" if file == bench.rig_path else file.name

@@ -34,7 +34,7 @@ REST_NS = 500_000_000
 
 
 def run_case(case: Case, config_dir: Path, bound_s: outcome.Bound | None = None) -> Row:
-    """Run a case in lockstep, without a record. What a run raises becomes its row: the others go on."""
+    """Run a case in lockstep, without a record. A run that raises gives a row that says so; the other runs go on."""
     started = Elapsed.now()
     try:
         return _run(case, config_dir, bound_s, started)
@@ -43,7 +43,7 @@ def run_case(case: Case, config_dir: Path, bound_s: outcome.Bound | None = None)
 
 
 def check(case: Case, config_dir: Path, where: str) -> None:
-    """Read and check all that the case would be built from; raises SettingsError (of either twin)."""
+    """Read and check all settings of the case. Raises SettingsError, also for what the emulator refuses."""
     assembly.check(_bench(case, config_dir, where))
     _emulator_settings(case, config_dir, where)
 
@@ -93,7 +93,7 @@ def _bench(case: Case, config_dir: Path, where: str) -> Bench:
 
 
 def _emulator_settings(case: Case, config_dir: Path, where: str) -> tuple[EmulatorSettings, tuple[Fault, ...]]:
-    """The emulator reads files; it gets one."""
+    """The emulator's settings. It reads files, so the scenario is written into a temporary one."""
     file = _scratch() / "case.toml"
     write_atomically(file, toml_text(case.scenario_data))
     try:

@@ -1,4 +1,4 @@
-"""Where a campaign's runs are made: in this process, over its cores by Dask, or on a Dask cluster that is there.
+"""Where the runs of a campaign are executed: in this process, by Dask on all cores, or on a running Dask cluster.
 
 The same function makes a run in all of them, and a run's result depends on nothing but its case.
 """
@@ -30,7 +30,7 @@ def has_dask() -> bool:
 
 
 def processes_for(processes: int | None, scheduler: str | None) -> int:
-    """How many processes to use here: as asked for, else one a core, or one where there is no Dask.
+    """Number of processes to use: the requested one, else one for each core, or one without Dask.
 
     Raises SettingsError when Dask is needed and isn't there.
     """
@@ -43,7 +43,7 @@ def processes_for(processes: int | None, scheduler: str | None) -> int:
 
 
 def run_all(cases: Sequence[Case], config_dir: Path, processes: int, scheduler: str | None) -> Iterator[Row]:
-    """The rows as the runs end. Raises SettingsError when the scheduler can't be reached."""
+    """Yield each row when its run ends. Raises SettingsError when the scheduler can't be reached."""
     if scheduler is None and processes == 1:
         return (run_case(case, config_dir) for case in cases)
     return _over_dask(cases, config_dir, processes, scheduler)
@@ -59,7 +59,7 @@ def _over_dask(cases: Sequence[Case], config_dir: Path, processes: int, schedule
             error = future.exception()
             if error is None:
                 yield future.result()
-            else:  # its worker was killed again and again
+            else:  # its worker was killed repeatedly
                 yield outcome.crash(
                     case, error if isinstance(error, Exception) else RuntimeError(str(error)), Elapsed(0.0, 0.0)
                 )
@@ -84,5 +84,5 @@ def _client(stack: ExitStack, processes: int, scheduler: str | None) -> Any:
 
 
 def _distributed() -> Any:
-    """Dask's cluster; optional, and without types."""
+    """Dask's cluster module; optional, and without types."""
     return import_module("dask.distributed")

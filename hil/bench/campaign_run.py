@@ -100,7 +100,7 @@ def run_missing(campaign: PreparedCampaign, store: Store | None, on_row: Callabl
 
 
 def write_results(campaign: PreparedCampaign, store: Store, rows: Sequence[Row], *, report: bool) -> tuple[Path, ...]:
-    """Write table and report, and the scenarios of runs worth a second look; returns what was written."""
+    """Write table, report, and the scenarios of runs with broken invariants or false alarms; returns the files."""
     written = [store.write_table(rows)]
     notable = frozenset(row.key for row in rows if row.breaks or row.false_alarms)
     scenarios = store.keep_scenarios(campaign.cases, notable)
@@ -112,7 +112,7 @@ def write_results(campaign: PreparedCampaign, store: Store, rows: Sequence[Row],
 
 
 def _digest(config_dir: Path) -> str:
-    """Of all that results depend on beside the cases: the bench's files and this program's version."""
+    """Digest of what results depend on besides the cases: the bench's files and this program's version."""
     digest = hashlib.sha256(__version__.encode())
     for name in RESULTS_DEPEND_ON:
         try:

@@ -1,4 +1,4 @@
-"""A design on a rig in numbers: gains, poles, noise gain, and what the loss of a pump does to it."""
+"""A design on a rig in numbers: gains, poles, noise gain, and the poles after the loss of a pump."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def design_figures(rig: Rig, design: str | GainDesign, where: str) -> DesignFigu
 
 
 def _requested_poles(design: GainDesign, linear: LinearModel) -> Array | ComplexArray | None:
-    """What a design by eigenstructure assignment asked for; None for any other."""
+    """Poles requested by a design by eigenstructure assignment; None for any other design."""
     if isinstance(design, RigDesign):
         return design.structure(linear).requested_poles
     if isinstance(design, CalibratedDesign):

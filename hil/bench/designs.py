@@ -1,4 +1,4 @@
-"""The table of designs: what `[control] design` in a scenario may say. A new built-in design is a row here.
+"""The table of designs: the names that `[control] design` in a scenario accepts. A new built-in design is a row here.
 
 A maker gets the rig file's settings and returns a `GainDesign`; it raises `DesignError` when the rig can't have it.
 Installed packages add rows by entry points of the group `fourtank_hil.designs`.

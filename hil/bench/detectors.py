@@ -1,4 +1,6 @@
-"""The table of fault detectors: what `[diagnosis] method` in a scenario may say. A new built-in detector is a row here.
+"""The table of fault detectors: the names that `[diagnosis] method` in a scenario accepts.
+
+A new built-in detector is a row here.
 
 A maker gets the settings of rig and scenario and returns a `FaultDetector`. Installed packages add rows by entry points
 of the group `fourtank_hil.detectors`.
@@ -17,7 +19,7 @@ from hil.edge.config.scenario_file import Fault, Scenario
 DetectorMaker = Callable[[Rig, Scenario], FaultDetector]
 
 IDEAL = "ideal"
-"""The one detector that is told the scenario's faults instead of finding them."""
+"""The detector that is given the scenario's faults instead of finding them."""
 
 
 def glr_detector(rig: Rig, scenario: Scenario) -> FaultDetector:  # noqa: ARG001 - it finds the faults itself
@@ -41,7 +43,7 @@ DETECTORS: ChoiceTable[DetectorMaker] = ChoiceTable(
     "diagnosis.method",
     "fourtank_hil.detectors",
     Choice("glr", "generalised likelihood ratios: finds, isolates and sizes faults from the readings", glr_detector),
-    Choice(IDEAL, "is told the scenario's pump faults and reports them exactly, delay_s late", ideal_detector),
+    Choice(IDEAL, "is given the scenario's pump faults and reports them exactly, delay_s late", ideal_detector),
     Choice("none", "reports nothing", no_detector),
 )
 

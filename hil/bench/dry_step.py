@@ -33,7 +33,7 @@ class DryStepError(ValueError):
 
 def try_out(config: ControllerConfig) -> None:
     """The law at every reference, and the first control steps. Raises DryStepError."""
-    with np.errstate(all="ignore"):  # what is not finite is looked for by name
+    with np.errstate(all="ignore"):  # values that are not finite are refused below
         for at_s, reference_V in config.loop.references:
             _check_law(config, at_s, reference_V)
         _check_steps(config)
@@ -45,7 +45,7 @@ def gain_matrix(gains: Gains) -> Array:
 
 
 def _check_law(config: ControllerConfig, at_s: float, reference_V: Pair) -> None:
-    """A law is to be had there, and it holds the rig stable with healthy pumps."""
+    """There is a control law for the reference, and it stabilises the rig with healthy pumps."""
     where = f"at the reference of {at_s:g} s ({reference_V[0]:.4g}, {reference_V[1]:.4g} V)"
     reconfiguration = config.loop.reconfiguration
     model, k = reconfiguration.model, reconfiguration.model.level_gain_V_cm

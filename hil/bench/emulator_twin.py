@@ -1,4 +1,4 @@
-"""The emulator for a bench, with its settings errors as `hil`'s own, so that a caller has one class to catch."""
+"""The emulator for a bench. Its settings errors become `hil`'s own, so that a caller catches one class."""
 
 from __future__ import annotations
 

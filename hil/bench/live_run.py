@@ -57,7 +57,7 @@ def run_live(
 
 
 def _real_time(stack: ExitStack, wanted: RealTime, recorder: ProcessRecorder) -> Callable[[], None]:
-    """What the system grants of it, for this thread; what it doesn't is in the record and on the terminal."""
+    """Apply what the system allows, for this thread; refusals are in the record and on the terminal."""
     applied = stack.enter_context(realtime.applied(wanted))
     for refusal in applied.refusals:
         _warn(Event(Severity.WARNING, "realtime", refusal), recorder)

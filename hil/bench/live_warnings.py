@@ -1,4 +1,4 @@
-"""What a user must know before a scenario moves real pumps, though the settings are right."""
+"""Warnings before a scenario moves real pumps, for settings that are valid but risky."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from hil.edge.host.realtime import RealTime
 class RunOptions:
     """How to run, whatever the scenario says.
 
-    seed : of the emulator's noise. rerun : whether to write run.rrd. realtime : what to ask of the system, live.
+    seed : of the emulator's noise. rerun : whether to write run.rrd. realtime : what to request of the system, live.
     """
 
     out: Path

@@ -1,4 +1,4 @@
-"""How soon a scenario's faults could be found at all: `detection_bound` with the rig's and the scenario's numbers."""
+"""The least time in which any detector can find a scenario's faults, from `detection_bound`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ STEP_TOLERANCE = 1e-9
 
 
 def information_bound(bench: Bench, reading_s: float) -> float | None:
-    """Seconds that any detector needs for the scenario's faults; None when they aren't one jump that begins at once.
+    """Seconds that any detector needs for the scenario's faults; None unless they are jumps that begin together.
 
     The pumps are taken to hold the reference that is in force when the fault begins. What is known between two control
     steps counts from the next one: no detector says anything before.

@@ -1,1 +1,1 @@
-"""Many runs at once: which cases, what is watched in each, what they come to. `hil.cli` runs them."""
+"""Campaigns of many runs: cases, observation of each run, outcomes, statistics, report. `hil.bench` runs them."""

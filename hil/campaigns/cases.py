@@ -24,7 +24,8 @@ ScenarioData = dict[str, Any]
 class Case:
     """One run.
 
-    key : of all that its result depends on. label : what it is grouped by. scenario_data : the scenario as a dict.
+    key : a digest of all that its result depends on. label : the class of faults that it is grouped by.
+    scenario_data : the scenario as a dict.
     """
 
     key: str
@@ -42,7 +43,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Cell:
-    """A cell of the fault grid: a class of faults, and how a seed makes it concrete."""
+    """A cell of the fault grid: a class of faults, from which each seed draws its faults."""
 
     label: str
     row: FaultRow | None = None
@@ -53,7 +54,7 @@ class Cell:
 def expand(spec: Spec, scenarios: Sequence[ScenarioData], digest: str = "") -> tuple[Case, ...]:
     """All cases: scenarios times cells times seeds.
 
-    scenarios : the spec's scenario files as dicts. digest : of whatever else results depend on.
+    scenarios : the spec's scenario files as dicts. digest : of everything else that results depend on.
     """
     about = spec.campaign
     seeds = range(about.first_seed, about.first_seed + about.seeds)
@@ -67,7 +68,7 @@ def expand(spec: Spec, scenarios: Sequence[ScenarioData], digest: str = "") -> t
 
 
 def with_seeds(spec: Spec, seeds: int | None, first_seed: int | None, duration_s: float | None) -> Spec:
-    """The spec with what the command line says instead; None: as it is."""
+    """The spec with the values of the command line; None: unchanged."""
     said = {"seeds": seeds, "first_seed": first_seed, "duration_s": duration_s}
     changes = {name: value for name, value in said.items() if value is not None}
     return spec.model_copy(update={"campaign": spec.campaign.model_copy(update=changes)})
@@ -110,7 +111,7 @@ def _cells(spec: Spec, scenario_data: ScenarioData) -> Iterator[Cell]:
 
 
 def _case(spec: Spec, cell: Cell, scenario_data: ScenarioData, seed: int, digest: str) -> Case:
-    """The cell's faults by this seed, the spec's tables laid over, all of it under a key."""
+    """A case: the scenario with the spec's tables merged in, the faults drawn by this seed, and its key."""
     scenario_data = merged(scenario_data, spec.overlay)
     if spec.campaign.duration_s is not None:
         scenario_data = merged(scenario_data, {"scenario": {"duration_s": spec.campaign.duration_s}})

@@ -1,4 +1,4 @@
-"""The figures of a campaign's report: how long it took to notice and to name each class of faults."""
+"""The figures of a campaign's report: delays of detection and isolation for each class of faults."""
 
 from __future__ import annotations
 

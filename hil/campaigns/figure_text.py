@@ -8,7 +8,7 @@ from hil.campaigns.statistics import Rate, Spread
 
 
 def rate_text(rate: Rate) -> str:
-    """A rate with its limits in words."""
+    """A rate with its confidence limits as text."""
     if rate.per_h is None:
         return "no time without a fault"
     return (
@@ -17,7 +17,7 @@ def rate_text(rate: Rate) -> str:
 
 
 def spread_text(values: Spread, digits: int = 3) -> str:
-    """Median / 95th percentile, a dash of nothing."""
+    """Median / 95th percentile; a dash when nothing is known."""
     if values.median is None or values.p95 is None:
         return "–"
     return f"{values.median:.{digits}g} / {values.p95:.{digits}g}"

@@ -1,4 +1,4 @@
-"""What is watched in a run without a record: takes the recorder's place in the loop and keeps all in memory.
+"""Observation of a run without a record: takes the recorder's place in the loop and keeps everything in memory.
 
 A step costs one tuple. The emulator's outputs are watched at each of their changes, levels at each step; the water that
 went over a rim is counted by the tanks themselves.
@@ -17,10 +17,10 @@ from hil.core.types import Event, Mode, NodeState, Pair, Quad, TickRecord
 Floats = npt.NDArray[np.float64]
 
 NODE_LATCH_S = 0.25
-"""A pump node that hears nothing is at 0 V after this time; so it must be when the controller has tripped."""
+"""A pump node without commands is at 0 V after this time; after a trip of the controller it must be so, too."""
 
 CLEARED = "cleared"
-"""Why a node changes when its trip was cleared on purpose."""
+"""Cause of a node's change when its trip was cleared by a request."""
 
 VOLT_TOLERANCE_V = 0.006
 """What converters of 12 bit and the wire's steps may add to a change of voltage, both ends together."""
@@ -66,7 +66,7 @@ class PumpChange(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """A run as it was seen.
+    """What was observed of a run.
 
     steps : (n, len(COLUMNS)), a row a step, references and effectiveness as the controller has them, all else as it
     truly is. events : with their run time. range_broken, latch_broken : what went out of range, or moved again after
@@ -115,14 +115,14 @@ class Observer:
         """Frames are not kept."""
 
     def message(self, timestamp_s: float, message: Any) -> None:
-        """Nor are frames of another kind."""
+        """Frames of other kinds are not kept either."""
 
     def event(self, t_s: float, event: Event) -> None:
         """Take one event outside of a recorded step."""
         self._events.append((t_s, event))
 
     def on_change(self, change: PumpChange) -> None:
-        """Look at what the pump node has just put out."""
+        """Check a change of the pump node's outputs."""
         if change.node != "pump":
             return
         v1, v2 = change.applied_V
@@ -137,7 +137,7 @@ class Observer:
             self._latch_broken = self._latch_broken or f"the node moved again at {change.t_ns * 1e-9:.3f} s"
 
     def result(self) -> Observations:
-        """All that was seen."""
+        """All observations."""
         steps = np.array(self._rows, dtype=np.float64).reshape(-1, len(COLUMNS))
         return Observations(steps, tuple(self._events), self._range_broken, self._latch_broken)
 

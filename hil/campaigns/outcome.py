@@ -1,4 +1,4 @@
-"""What a run comes to: one row of the table of outcomes."""
+"""The outcome of a run: one row of the table of outcomes."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Bound = Callable[[Case], float | None]
 
 @dataclass(frozen=True)
 class RigFigures:
-    """What a run's figures need of its configuration. rate_V_s : steepest change of an output that is asked for."""
+    """What a run's figures need of its configuration. rate_V_s : fastest requested change of an output."""
 
     windows: tuple[Window, ...]
     period_s: float
@@ -37,7 +37,7 @@ class RigFigures:
 
 @dataclass(frozen=True)
 class Rest:
-    """The emulator when all was over. spilled_cm3 : what went over a rim. applied_V : its outputs."""
+    """The emulator at the end. spilled_cm3 : what went over a rim. applied_V : its outputs."""
 
     spilled_cm3: float
     applied_V: tuple[float, float]
@@ -82,7 +82,7 @@ def evaluate(
 
 
 def crash(case: Case, error: Exception, elapsed: Elapsed) -> Row:
-    """The row of a run that raised: a bug, and reported as one."""
+    """The row of a run that raised an exception; the report shows it as a broken invariant."""
     empty: dict[str, Any] = {
         field.name: {"str": "", "int": 0, "float": 0.0, "bool": False}.get(str(field.type)) for field in fields(Row)
     }
@@ -112,7 +112,7 @@ def _about(case: Case, faults: Sequence[Injected]) -> dict[str, Any]:
 def _diagnosis(
     process: Sequence[Injected], verdict: Judgement, findings: Sequence[Finding], seen: Observations
 ) -> dict[str, Any]:
-    """How the findings fare against the faults of the process."""
+    """Compare the findings with the faults of the process."""
     answers = [finding for finding in verdict.answers if finding is not None]
     after = [finding for finding in findings if finding not in verdict.false]
     columns: dict[str, Any] = {

@@ -25,7 +25,7 @@ Target = int | str
 
 
 class CampaignInfo(Section):
-    """Name, scenarios and seeds. scenarios : paths, from the file's own folder. duration_s : instead of theirs."""
+    """Name, scenarios and seeds. scenarios : paths from the file's folder. duration_s : replaces the scenarios'."""
 
     name: Name
     scenarios: Annotated[tuple[str, ...], Field(min_length=1)]
@@ -48,7 +48,7 @@ class Timed(Section):
 
 
 class FaultRow(Timed):
-    """A row of the grid: every target with every value is a case. A target that is a list: all of it at once.
+    """A row of the grid: every target with every value is a case. A target that is a list: all of them at once.
 
     also : further keys of the scenario's [[fault]].
     """
@@ -75,7 +75,7 @@ class PoolRow(Section):
 
 
 class Pairs(Timed):
-    """Two different faults of the pool in every case, each with an onset of its own; a case a seed."""
+    """Two different faults of the pool in every case, each with its own onset; one case for each seed."""
 
     pool: Annotated[tuple[PoolRow, ...], Field(min_length=2)]
 
@@ -83,7 +83,7 @@ class Pairs(Timed):
 class Spec(Section):
     """A campaign. Without [[fault]] and [pairs] the scenarios' own faults are played, with them only these.
 
-    emulator, rig, diagnosis, control : laid over the scenarios' tables of that name.
+    emulator, rig, diagnosis, control : merged into the scenarios' tables of that name.
     """
 
     campaign: CampaignInfo
@@ -96,7 +96,7 @@ class Spec(Section):
 
     @property
     def overlay(self) -> dict[str, Any]:
-        """What is laid over each scenario."""
+        """What is merged into each scenario."""
         names = ("emulator", "rig", "diagnosis", "control")
         return {name: table for name in names if (table := getattr(self, name))}
 

@@ -1,4 +1,4 @@
-"""What many outcomes say together: classes of faults, confusion, false alarms per hour, broken invariants."""
+"""Statistics of many outcomes: classes of faults, confusion, false alarms per hour, broken invariants."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NOTHING = "nothing"
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Median and 95th percentile of what is known of n values; None of no value."""
+    """Median and 95th percentile of what is known of n values; None when no value is known."""
 
     n: int
     median: float | None
@@ -66,7 +66,7 @@ def poisson_rate(events: int, hours: float, confidence: float = CONFIDENCE) -> R
 
 
 def false_alarms(rows: Sequence[Row]) -> Rate:
-    """Alarms while nothing was wrong with the process, over the time that nothing was."""
+    """Alarms without a fault of the process, over the time without one."""
     return poisson_rate(sum(row.false_alarms for row in rows), sum(row.healthy_h for row in rows))
 
 
@@ -85,7 +85,7 @@ def not_played(rows: Iterable[Row]) -> dict[str, int]:
 
 
 def confusion(rows: Iterable[Row]) -> dict[str, Counter[str]]:
-    """What was declared, by class of faults; pairs are too many kinds to be told apart here."""
+    """What was declared, by class of faults; without pairs, which are too many kinds."""
     table: dict[str, Counter[str]] = {}
     for row in rows:
         is_not_judged = row.detected is None and row.not_played > 0

@@ -54,17 +54,17 @@ class Job:
 
     @property
     def scenario_data(self) -> dict[str, Any]:
-        """The scenario as a dict, changes and all."""
+        """The scenario as a dict, with the changes."""
         return merged(read_toml(self.scenario_path), dict(self.changes))
 
 
 def run(console: Console, out: Path, config_dir: Path | None) -> None:
-    """All runs over the cores, then the tables and where to look. Raises SettingsError, RunFolderError."""
+    """Run everything on all cores, print the tables and the paths. Raises SettingsError, RunFolderError."""
     config = config_dir or default_config_dir()
     folder = out / f"{datetime.now():%Y%m%d-%H%M%S}_demo"
     jobs = _jobs(config, folder)
     for path in {job.scenario_path for job in jobs.values()}:
-        assembly.load(path, config)  # bad input shows here, in one line, and not in a worker
+        assembly.load(path, config)  # bad input is one line here, not a traceback of a worker
     try:
         folder.mkdir(parents=True)
     except OSError as error:

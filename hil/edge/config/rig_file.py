@@ -1,4 +1,4 @@
-"""The rig file: the process and the bench as the controller believes them to be."""
+"""The rig file: the model of the process, and the settings of the bench, that the controller uses."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ WATCHDOG_S = 0.25
 """The pump node trips when no valid command came for so long: the wire contract, docs/reference/wire.md."""
 
 CYCLES_S = {"levels": 0.02, "status": 0.05, "heartbeat": 0.1, "echo": 0.05}
-"""How often the nodes send what an age limit of [safety] is for; an echo comes with the pump node's status."""
+"""Cycle times of the frames that the age limits of [safety] apply to; the echo is in the pump node's status."""
 
 MAX_PERIOD_S = WATCHDOG_S - CYCLES_S["echo"]
 """A command has to reach the pump node, and its echo to come back, before the watchdog trips."""
@@ -107,13 +107,13 @@ class Control(Section):
         if period_s > MAX_PERIOD_S:
             raise ValueError(
                 f"must be at most {MAX_PERIOD_S:g} s: the pump node's watchdog trips {WATCHDOG_S:g} s after the last "
-                f"command, and {CYCLES_S['echo']:g} s of that are left for command and echo"
+                f"command, and {CYCLES_S['echo']:g} s of that are reserved for command and echo"
             )
         return period_s
 
 
 class Safety(Section):
-    """What trips, and how a run stops."""
+    """Limits at which the controller trips, and how a run stops."""
 
     level_max_cm: Positive
     rim_margin_cm: NotNegative
@@ -153,7 +153,7 @@ class Bus(Section):
 
 
 class Rig(Section):
-    """The rig file: the process and the bench as the controller believes them to be."""
+    """The rig file: the model of the process, and the settings of the bench, that the controller uses."""
 
     tanks: Tanks
     pumps: Pumps
@@ -217,7 +217,7 @@ class Rig(Section):
 
 
 def load_rig(path: Path, scenario: Scenario | None = None, scenario_path: Path | None = None) -> Rig:
-    """The rig file, with the scenario's [rig] table laid over it. Raises SettingsError."""
+    """The rig file, with the scenario's [rig] table merged into it. Raises SettingsError."""
     data = read_toml(path)
     rig = validated(Rig, data, str(path))
     if scenario is None or not scenario.rig:

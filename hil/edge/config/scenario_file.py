@@ -1,4 +1,4 @@
-"""The scenario file: an experiment, what is asked of the loop, what goes wrong, what is measured."""
+"""The scenario file: references, faults, operator requests and windows of an experiment."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class ScenarioInfo(Section):
 
 
 class Reference(Section):
-    """A change of the wanted outputs, in just one of three ways."""
+    """A change of the references, given in exactly one of three ways."""
 
     at_s: NotNegative
     change_V: tuple[Finite, Finite] | None = None
@@ -49,9 +49,9 @@ BypassableName = Literal["echo_mismatch", "error_storm", "dry_run", "pump_dead",
 
 
 class Fault(Section):
-    """A fault that the emulator plays; of these the ideal diagnosis knows lost pumps.
+    """A fault that the emulator plays. The detector `ideal` knows those that reduce a pump's gain.
 
-    The emulator decides what target and value each other kind needs.
+    The emulator checks target and value of all other kinds.
     """
 
     at_s: NotNegative
@@ -100,7 +100,7 @@ class Fault(Section):
 
 
 class OperatorRequest(Section):
-    """What the operator asks for in the course of a run.
+    """A request of the operator during a run.
 
     manual : pump voltages by hand, `voltage_V`, or those in force without it. auto : back to the loop.
     bypass : leave an `interlock` out for `for_s`. clear : a trip. stop : ramp down and end the run.
@@ -142,7 +142,7 @@ class ControlChoice(Section):
 
 
 class WindowTable(Section):
-    """A stretch of the run over which IAE is computed."""
+    """A part of the run over which IAE is computed."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
     from_s: NotNegative
@@ -156,7 +156,7 @@ class WindowTable(Section):
 
 
 class Scenario(Section):
-    """An experiment: what is asked of the loop, what goes wrong, what is measured."""
+    """An experiment: references, faults, operator requests, and windows for the key figures."""
 
     scenario: ScenarioInfo
     reference: tuple[Reference, ...] = ()

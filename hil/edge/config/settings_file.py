@@ -1,4 +1,4 @@
-"""TOML to validated settings, with errors that name file, key, value and range: what rig file and scenario share."""
+"""TOML to validated settings, with errors that name file, key, value and range; shared by rig file and scenario."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Model = TypeVar("Model", bound="Section")
 
 
 class SettingsError(HilError, ValueError):
-    """A file that can't be used: one line with file, key, value and what would be right."""
+    """A file that can't be used: one line with file, key, value and what is allowed."""
 
 
 class Section(BaseModel):
@@ -82,7 +82,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def merged(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
-    """`over` laid on `base`, table by table."""
+    """`base` with the values of `over`, table by table."""
     result = dict(base)
     for key, value in over.items():
         both_tables = isinstance(value, dict) and isinstance(result.get(key), dict)

@@ -22,7 +22,7 @@ def find_scenario(scenario: str | Path, config_dir: Path | None = None) -> Path:
 
 
 def find_campaign(campaign: str | Path, config_dir: Path | None = None) -> Path:
-    """The file of a campaign given by path (a folder, too) or by shipped name; a scenario's name will do, too.
+    """The file of a campaign given by path (a folder, too) or by shipped name; or by a scenario's name.
 
     Raises SettingsError that lists the shipped names when there is neither.
     """
