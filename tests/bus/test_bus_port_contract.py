@@ -19,7 +19,7 @@ from tests.bus.bus_bench import (
 )
 from tests.narrowing import not_none
 from tests.socketcan.kernel_links import KernelFar
-from tests.waiting import wait_for
+from tests.waiting import fastest_s, wait_for
 
 Far = VirtualFar | SlcanFar | KernelFar
 FARS: dict[str, Callable[[pytest.FixtureRequest], Far]] = {
@@ -94,23 +94,12 @@ def test_a_remote_frame_is_marked_as_one(far: Far) -> None:
     assert not_none(next_frame(far.port)).is_remote_frame
 
 
-def quickest_s(call: Callable[[], object], times: int = 5) -> float:
-    """The shortest of several calls: a busy machine makes some of them slow, a call that waits makes all slow."""
-
-    def took_s() -> float:
-        started_s = time.monotonic()
-        call()
-        return time.monotonic() - started_s
-
-    return min(took_s() for _ in range(times))
-
-
 def test_a_quiet_bus_is_no_failure(far: Far) -> None:
     started_s = time.monotonic()
     assert far.port.receive(0.05) is None
     assert time.monotonic() - started_s > 0.03
-    assert quickest_s(lambda: far.port.receive(0.05)) < 0.5
-    assert quickest_s(far.port.waiting) < 0.05
+    assert fastest_s(lambda: far.port.receive(0.05)) < 0.5
+    assert fastest_s(far.port.waiting) < 0.05
     assert far.port.waiting() == []
     assert (far.port.is_up, far.port.receive_failures, far.port.last_error) == (True, 0, "")
 

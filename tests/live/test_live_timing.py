@@ -1,5 +1,6 @@
-"""A whole run by the console scripts, and one with real-time scheduling: nothing else may run while they are timed."""
+"""A whole run by the console scripts, one with real-time scheduling, the start of the timeline: timed, alone."""
 
+import time
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -7,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hil.edge.record.rerun_log import RerunLog, RunCard
 from hil.edge.record.run_folder import RunFolder
+from hil.review.blueprint import blueprint
 from hil.review.ticks import read
 from tests.live.live_bench import (
     PERIOD_S,
@@ -21,7 +24,7 @@ from tests.live.live_bench import (
 )
 
 pytestmark = [pytest.mark.live, pytest.mark.timing]
-FILES = {"run.json", "can.log", "ticks.csv", "events.jsonl", "run.rrd", "kpi.json", "report.html"}
+FILES = {"run.json", "can.log", "sent.log", "ticks.csv", "events.jsonl", "run.rrd", "kpi.json", "report.html"}
 
 
 @pytest.fixture(scope="module")
@@ -112,10 +115,23 @@ def test_a_run_in_real_time_completes_with_whatever_is_granted(tmp_path: Path) -
     ):
         assert run.wait(40.0) == 0, (run.out, run.err)
     _, events = read(RunFolder.open(run.folder))
-    refused = [event.text for event in events if event.code == "realtime"]
-    assert run.err.splitlines() == [f"hil: {text}" for text in refused]
+    said = [event.text for event in events if event.code in ("ideal_live", "realtime")]
+    assert run.err.splitlines() == [f"hil: {text}" for text in said], "what the scenario warns of, and what is refused"
     assert "READY -> RUNNING" in run.out, "events are lines"
     kpi = run.json("kpi.json")
     assert set(kpi["lateness_s"]) == {"p50", "p99", "p99_9", "max"}
     assert 0.0 < kpi["latency_s"]["p50"] <= kpi["latency_s"]["max"] < 2 * PERIOD_S
     assert kpi["recorder_queue_max"] < 1000
+
+
+def test_case_54_no_viewer_at_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """There is no viewer, no screen and nothing to start one with: the timeline opens within 0.5 s all the same."""
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("PATH", "")
+    began_s = time.perf_counter()
+    card, layout = RunCard("t", {}, ""), blueprint("live", 10.0)
+    log = RerunLog(tmp_path / "run.rrd", card, level_gain_V_cm=0.5, mode="live", blueprint=layout)
+    assert time.perf_counter() - began_s < 0.5
+    log.close()
+    assert (tmp_path / "run.rrd").stat().st_size > 0
