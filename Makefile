@@ -20,7 +20,7 @@ BY_FILE      := --dist loadfile --no-loadscope-reorder
 COVERED := --cov-branch --cov-fail-under=100 --cov-report=term-missing:skip-covered \
 	$(addprefix --cov=hil.,core.supervisor core.interlocks core.overshoot wire.checks wire.commands)
 
-.PHONY: help setup demo test test-socketcan test-long mutants lint unit live benchmarks docs docs-serve words lock clean
+.PHONY: help setup demo test test-socketcan test-long mutants lint unit live benchmarks docs docs-serve lock clean
 
 help:            ## show this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*##/\t/'
@@ -40,14 +40,12 @@ demo: $(READY)   ## the paper's experiment: table 3 beside the paper's, then the
 
 test: lint unit  ## all checks and tests
 
-lint: $(READY)   ## style, types, architecture
+lint: $(READY)   ## style, types, architecture, words
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-
-words: $(READY)  ## retired words that are still written somewhere (tools/words.toml has the plain ones)
-	@$(BIN)/python -m tools.words
+	$(BIN)/python -m tools.words
 
 unit: $(READY)   ## the test suite: on all cores, then live runs beside each other, then those that measure time, alone
 	$(BIN)/python -m pytest -n $(WORKERS) $(BY_FILE) tests/safety tests/wire $(COVERED)
