@@ -15,7 +15,8 @@ This list is the stable interface; every module behind it may move.
     RunFolderError, RealTimeError               a run folder; a real-time request that no system can meet
     __version__                                 the version
 
-Names are imported when they are first used, so that `hil --version` and the recorder's process start quickly.
+Names are imported when they are first used, so that `hil --version` and the recorder's process start quickly. Reasons:
+docs/decisions/0017-public-face.md.
 """
 
 from __future__ import annotations

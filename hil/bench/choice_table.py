@@ -6,7 +6,7 @@ An installed package adds a row by an entry point of the table's group; its name
     lqr = "my_package:make_design"
 
 The settings check, the help, `hil design` and the error messages all read the table. A built-in name always means the
-built-in row.
+built-in row. Reasons: docs/decisions/0018-tables-and-entry-points.md.
 """
 
 from __future__ import annotations

@@ -9,7 +9,8 @@ Whatever fails while a run ends (a full disk, a removed folder, a second Ctrl-C)
    which `hil report` shows as unfinished.
 4. What failed is one error, `IncompleteRecordError`, that names the file and the cause. No temporary file is left.
 
-A record that can't be opened is removed as a whole: no pump has moved yet.
+A record that can't be opened is removed as a whole: no pump has moved yet. Reasons:
+docs/decisions/0020-end-of-a-run.md.
 """
 
 from __future__ import annotations

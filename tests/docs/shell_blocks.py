@@ -19,6 +19,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 QUICK = ("README.md", "docs/tutorial/first-run.md")
 TIMEOUT_S = 120.0
+OUTPUT = "output.txt"
+"""What the last block printed, in its folder."""
 LONG = "long"
 REASONS = {
     "needs a rig",
@@ -73,7 +75,7 @@ def name_of(page: Path) -> str:
 def run_block(block: ShellBlock, folder: Path, timeout_s: float = TIMEOUT_S) -> None:
     """Run a block as bash does, in `folder`, with the commands on the path. Its background jobs end with it."""
     path = os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"]))
-    output = folder / "output.txt"
+    output = folder / OUTPUT
     with output.open("w") as log:
         process = subprocess.Popen(
             ["bash", "-eu", "-o", "pipefail", "-c", block.text],

@@ -12,7 +12,18 @@ from pathlib import Path
 
 import pytest
 
-from tests.docs.shell_blocks import LONG, QUICK, REASONS, ROOT, ShellBlock, name_of, run_block, run_page, shell_blocks
+from tests.docs.shell_blocks import (
+    LONG,
+    OUTPUT,
+    QUICK,
+    REASONS,
+    ROOT,
+    ShellBlock,
+    name_of,
+    run_block,
+    run_page,
+    shell_blocks,
+)
 
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCKS = [block for page in PAGES for block in shell_blocks(page)]
@@ -42,6 +53,17 @@ def test_a_long_shell_block_runs(block: ShellBlock, tmp_path: Path) -> None:
             (environment / entry.name).symlink_to(entry)
     (environment / ".installed").touch()
     run_block(block, tmp_path, timeout_s=1200.0)
+    shown = shown_output(block)
+    printed = [line.rstrip() for line in (tmp_path / OUTPUT).read_text(encoding="utf-8").splitlines()]
+    assert [line for line in shown if line not in printed] == []
+
+
+def shown_output(block: ShellBlock) -> list[str]:
+    """Lines of the text block below the comment `output`, between this block and the next one; none without it."""
+    after = "".join(block.page.read_text(encoding="utf-8").splitlines(keepends=True)[block.line :])
+    until_next = re.split(r"^```sh$", after, flags=re.MULTILINE)[0]
+    shown = re.search(r"^<!-- output -->\n```text\n(.*?)^```$", until_next, re.MULTILINE | re.DOTALL)
+    return shown[1].splitlines() if shown else []
 
 
 def test_a_block_that_is_not_run_has_a_known_reason() -> None:

@@ -1,4 +1,7 @@
-"""Reference pages of the documentation, made from the code: `python -m tools.reference`, which `make docs` calls."""
+"""Reference pages of the documentation, made from the code: `python -m tools.reference`, which `make docs` calls.
+
+Reasons: docs/decisions/0019-documentation-by-zensical.md.
+"""
 
 from pathlib import Path
 
