@@ -23,7 +23,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from functools import cache
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 ROOT = Path(__file__).resolve().parents[1]
 MAX_REQUEST = 1 << 20
@@ -220,7 +220,7 @@ class _Server:
         for pidfd in list(self._children):
             self._report(pidfd)
 
-    def _become(self, request: dict[str, object], descriptors: list[int]) -> None:
+    def _become(self, request: dict[str, Any], descriptors: list[int]) -> None:
         """In the child: take on its descriptors, folder, environment and arguments."""
         for pidfd, (_, line) in self._children.items():
             os.close(pidfd)
@@ -233,8 +233,8 @@ class _Server:
         signal.signal(signal.SIGINT, signal.default_int_handler)
         os.chdir(str(request["folder"]))
         os.environ.clear()
-        os.environ.update(request["environment"])  # type: ignore[call-overload]
-        sys.argv = list(request["command"])  # type: ignore[call-overload]
+        os.environ.update(request["environment"])
+        sys.argv = list(request["command"])
 
 
 def main(descriptor: int) -> None:

@@ -129,8 +129,8 @@ def test_outputs_after_the_controllers_trip_are_seen(tick: TickRecord, after_s: 
 
 @pytest.fixture
 def tick() -> TickRecord:
-    blank = {field.name: (0.0, 0.0) for field in fields(TickRecord)}
-    return TickRecord(**{**blank, "t_s": 0.0, "mode": Mode.RUNNING, "events": ()})  # type: ignore[arg-type]
+    blank: dict[str, Any] = {field.name: (0.0, 0.0) for field in fields(TickRecord)}
+    return TickRecord(**{**blank, "t_s": 0.0, "mode": Mode.RUNNING, "events": ()})
 
 
 def test_an_observer_without_the_truth_is_of_no_use(tick: TickRecord) -> None:

@@ -7,6 +7,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rich.console import Console
@@ -30,8 +31,8 @@ def row(case: Case) -> Row:
     return run_case(case, CONFIG)
 
 
-def run(file: Path, out: Path, **options: object) -> int:
-    return campaign_command.run(Console(quiet=True), str(file), campaign_run.CampaignOptions(out=out, **options))  # type: ignore[arg-type]
+def run(file: Path, out: Path, **options: Any) -> int:
+    return campaign_command.run(Console(quiet=True), str(file), campaign_run.CampaignOptions(out=out, **options))
 
 
 def test_a_run_without_a_record_comes_to_what_the_recorded_one_comes_to(case: Case, row: Row, tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ import signal
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -159,9 +160,9 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", "-l", str(folder)], check=True)
 
 
-def run_whole(*arguments: object, **options: object) -> Result:
+def run_whole(*arguments: object, **options: Any) -> Result:
     command = [str(BIN / "hil"), *map(str, arguments)]
-    done = subprocess.run(command, stderr=subprocess.PIPE, text=True, check=False, timeout=60.0, **options)  # type: ignore[call-overload]
+    done = subprocess.run(command, stderr=subprocess.PIPE, text=True, check=False, timeout=60.0, **options)
     return Result(done.returncode, done.stdout or "", done.stderr)
 
 
@@ -242,9 +243,9 @@ def test_a_folder_that_is_removed_during_the_run(
 ) -> None:
     folder, real = tmp_path / "run", Recorder.tick
 
-    def remove(recorder: Recorder, *arguments: object, **options: object) -> None:
+    def remove(recorder: Recorder, *arguments: Any, **options: Any) -> None:
         shutil.rmtree(folder, ignore_errors=True)
-        real(recorder, *arguments, **options)  # type: ignore[arg-type]
+        real(recorder, *arguments, **options)
 
     monkeypatch.setattr(Recorder, "tick", remove)
     result = command_line("hil", "simulate", scenario, "--out", folder, "--no-rerun")
@@ -259,9 +260,9 @@ def test_a_stop_while_the_record_is_closed_waits_for_that(
     """Ctrl-C during the last writes used to leave run.json saying that the run went on."""
     folder, real = tmp_path / "run", Recorder.close
 
-    def interrupted(recorder: Recorder, *arguments: object, **options: object) -> None:
+    def interrupted(recorder: Recorder, *arguments: Any, **options: Any) -> None:
         os.kill(os.getpid(), signal.SIGINT)
-        real(recorder, *arguments, **options)  # type: ignore[arg-type]
+        real(recorder, *arguments, **options)
 
     monkeypatch.setattr(Recorder, "close", interrupted)
     result = command_line("hil", "simulate", scenario, "--out", folder, "--no-rerun")

@@ -3,6 +3,7 @@
 import re
 import shlex
 from types import ModuleType
+from typing import Any
 
 import pytest
 import typer
@@ -33,7 +34,8 @@ def test_every_command_has_an_example_at_the_head_of_its_help(module: ModuleType
 def test_every_example_is_a_command_line_that_the_command_takes(module: ModuleType) -> None:
     program, name, *arguments = shlex.split(module.EXAMPLE)
     assert program == "hil"
-    command = typer.main.get_command(cli.app).commands[name]  # type: ignore[attr-defined]
+    group: Any = typer.main.get_command(cli.app)
+    command = group.commands[name]
     command.make_context(name, arguments)  # raises for an option or argument that there is not
 
 

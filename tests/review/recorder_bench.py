@@ -6,6 +6,7 @@ import io
 import os
 import time
 from pathlib import Path
+from typing import Any
 
 from hil.edge.record.recorder import Recorder
 from hil.edge.record.run_folder import RunFolder
@@ -35,10 +36,10 @@ class Stalling(Recorder):
 
     go_on: Path
 
-    def frame(self, *arguments: object, **options: object) -> None:
+    def frame(self, *arguments: Any, **options: Any) -> None:
         while not self.go_on.exists():
             time.sleep(0.01)
-        super().frame(*arguments, **options)  # type: ignore[arg-type]
+        super().frame(*arguments, **options)
 
 
 def open_stalling(folder: RunFolder, go_on: Path) -> Recorder:

@@ -147,7 +147,7 @@ def test_settings_without_the_level_gain_are_a_clear_error(tmp_path: Path) -> No
         compute(folder)
 
 
-def shortened(path: Path, *alarms: Alarm, settings: dict[str, Any] | None = None, **changes: object) -> Kpi:
+def shortened(path: Path, *alarms: Alarm, settings: dict[str, Any] | None = None, **changes: Any) -> Kpi:
     """Key figures of the toy's steps from 195 to 215 s with other alarms, each at the step of its time."""
     folder = RunFolder.create(path, replace(toy.plan(), settings=settings or toy.SETTINGS))
     recorder = Recorder.open(folder)
@@ -156,7 +156,7 @@ def shortened(path: Path, *alarms: Alarm, settings: dict[str, Any] | None = None
         if record.t_s >= 195.0:
             due = [alarm for alarm in alarms if abs(alarm.detected_s - record.t_s) < 0.01]
             events = tuple(Event(Severity.WARNING, "alarm", "", asdict(alarm)) for alarm in due)
-            recorder.tick(replace(record, events=events, **changes), truth_cm or truth)  # type: ignore[arg-type]
+            recorder.tick(replace(record, events=events, **changes), truth_cm or truth)
     recorder.close("complete", "")
     return compute(folder)
 

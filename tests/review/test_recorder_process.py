@@ -175,7 +175,7 @@ def test_a_record_that_cannot_be_opened_is_one_error_before_anything_moves(folde
 def test_an_entry_that_cannot_be_written_shows_and_the_rest_goes_on(folder: RunFolder) -> None:
     with ProcessRecorder() as recorder:
         recorder.open(folder, partial(open_record, folder, None))
-        recorder.frame(0.0, 0x100, None)  # type: ignore[arg-type]
+        recorder.frame(0.0, 0x100, None)  # type: ignore[arg-type]  # no bytes, so that it cannot be written
         recorder.frame(0.0, 0x101, b"")
         recorder.close("complete", "")
     assert "AttributeError" in recorder.health().errors[0]

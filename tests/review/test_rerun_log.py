@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rerun.chunk import RrdReader
@@ -15,8 +16,8 @@ from hil.review.blueprint import blueprint
 from tests.review import toy
 
 
-def rows(path: Path, entity: str) -> list[dict[str, object]]:
-    found: list[dict[str, object]] = []
+def rows(path: Path, entity: str) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = []
     for chunk in RrdReader(path).stream().to_chunks():
         if chunk.entity_path == entity and not chunk.is_static:
             found += chunk.to_record_batch().to_pylist()
@@ -59,7 +60,7 @@ def test_recording_has_every_step_on_run_time(whole_run: RunFolder) -> None:
     assert sum(chunk.num_rows for chunk in steps) == 5000
     assert {name for chunk in steps for name in chunk.timeline_names} == {TIMELINE}
     first = rows(whole_run.rrd_path, "/levels/tank1")[0]
-    assert first["Scalars:scalars"][1] == pytest.approx(6.1), "true level in V"  # type: ignore[index]
+    assert first["Scalars:scalars"][1] == pytest.approx(6.1), "true level in V"
     times = [row[TIMELINE] for row in rows(whole_run.rrd_path, "/bench/mode")]
     assert len(set(times)) == 5000
 

@@ -8,12 +8,14 @@ from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 from random import Random
+from typing import Any
 
 from hil.core.types import Alarm, Event, Mode, Pair, Quad, Severity, TickRecord
 from hil.edge.record.recorder import Recorder
 from hil.edge.record.rerun_log import RerunLog, RunCard
 from hil.edge.record.run_folder import RunFolder, RunMode, RunPlan, Window
 from hil.review.blueprint import blueprint
+from tests.narrowing import pair, quad
 
 GAIN_V_CM = 0.5
 SCENARIO = """[scenario]
@@ -39,10 +41,10 @@ WINDOWS = (Window("gain_fall", 200.0, 350.0), Window("reference_step", 350.0, 50
 EQUILIBRIUM_V: Quad = (6.1, 6.4, 0.82, 0.70)
 
 
-def plan(*, reconfigure: bool = True, windows: tuple[Window, ...] = WINDOWS, mode: str = "lockstep") -> RunPlan:
+def plan(*, reconfigure: bool = True, windows: tuple[Window, ...] = WINDOWS, mode: RunMode = "lockstep") -> RunPlan:
     return RunPlan(
         scenario="toy",
-        mode=mode,  # type: ignore[arg-type]
+        mode=mode,
         seed=1,
         period_s=0.1,
         windows=windows,
@@ -70,9 +72,9 @@ def steps(
         error = [reference[i] - level[i] for i in (0, 1)]
         theta = 0.4 if faulty else 1.0
         known = (0.4, 0.4) if told else (1.0, 1.0)
-        wanted = tuple((hold[i] + 1.6 * error[i] + random.gauss(0, 0.01)) / known[i] for i in (0, 1))
+        wanted = pair((hold[i] + 1.6 * error[i] + random.gauss(0, 0.01)) / known[i] for i in (0, 1))
         if faulty and not reconfigure:
-            wanted = tuple(v + 4.5 * (1 - math.exp(-(t_s - 200.0) / 35.0)) for v in wanted)
+            wanted = pair(v + 4.5 * (1 - math.exp(-(t_s - 200.0) / 35.0)) for v in wanted)
         command = (min(10.0, max(0.0, wanted[0])), min(10.0, max(0.0, wanted[1])))
         sag = 0.03 if faulty and not told else 0.0
         for i in (0, 1):
@@ -82,17 +84,17 @@ def steps(
         level[2] = EQUILIBRIUM_V[2] + 0.2 * (applied[1] * theta - 3.0) * 0.5
         level[3] = EQUILIBRIUM_V[3] + 0.2 * (applied[0] * theta - 3.0) * 0.5
         truth: Quad = (level[0], level[1], max(0.0, level[2]), max(0.0, level[3]))
-        measured = tuple(v + random.gauss(0, 0.005) for v in truth)
-        estimate = tuple(v + random.gauss(0, 0.001) for v in truth)
+        measured = quad(v + random.gauss(0, 0.005) for v in truth)
+        estimate = quad(v + random.gauss(0, 0.001) for v in truth)
         record = TickRecord(
             t_s=t_s,
             mode=Mode.DEGRADED if told else Mode.RUNNING,
-            measured_V=measured,  # type: ignore[arg-type]
-            estimated_V=estimate,  # type: ignore[arg-type]
+            measured_V=measured,
+            estimated_V=estimate,
             reference_V=reference,
             target_V=reference,
             operating_V=(hold[0] / known[0], hold[1] / known[1]),
-            raw_V=wanted,  # type: ignore[arg-type]
+            raw_V=wanted,
             command_V=command,
             applied_V=applied,
             effectiveness=known,
@@ -108,7 +110,7 @@ def steps(
             events=tuple(events_at(t_s, index, reconfigure)),
         )
         applied = command
-        yield record, tuple(v / GAIN_V_CM for v in truth)  # type: ignore[misc]
+        yield record, quad(v / GAIN_V_CM for v in truth)
 
 
 def at(record: TickRecord, monotonic_ns: int) -> TickRecord:
@@ -133,7 +135,7 @@ def frames(t_s: float, index: int) -> Iterator[tuple[float, int, bytes, bool]]:
         yield t_s + 0.006 * number, 0x110 + number, bytes((number, index & 255, 0, 0, 0, 0, 0, 9)), True
 
 
-def record_run(path: Path, *, with_rerun: bool = False, live: bool = False, **options: object) -> RunFolder:
+def record_run(path: Path, *, with_rerun: bool = False, live: bool = False, **options: Any) -> RunFolder:
     """A whole toy run in a new folder."""
     reconfigure = bool(options.get("reconfigure", True))
     mode: RunMode = "live" if live else "lockstep"
@@ -145,7 +147,7 @@ def record_run(path: Path, *, with_rerun: bool = False, live: bool = False, **op
             folder.rrd_path, card, level_gain_V_cm=GAIN_V_CM, mode=mode, blueprint=blueprint(mode, 500.0)
         )
     recorder = Recorder.open(folder, timeline=timeline)
-    for index, (record, truth) in enumerate(steps(**options)):  # type: ignore[arg-type]
+    for index, (record, truth) in enumerate(steps(**options)):
         for frame in frames(record.t_s, index):
             recorder.frame(*frame)
         recorder.tick(record, None if live else truth)
