@@ -186,6 +186,10 @@ class RawAdapter:
         opening.start()
         self.port = BusPort(BusAddress("slcan", self.channel, BITRATE).open(IDS))
         opening.join()
+        if receive_buffer is not None:  # then our end's is small too: it is full sooner
+            ours = socket.socket(fileno=self.bus._line._fd)
+            ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, receive_buffer)
+            ours.detach()
 
     def _open(self) -> None:
         self.client, _ = self._listener.accept()

@@ -195,6 +195,9 @@ class SlcanBus(can.BusABC):
             self._await_answer(QUIET_S)
         self._write(b"V\r")
         self._settle()
+        if self.lines.texts and not self.lines.done + self.lines.refused:  # mute, or it booted just before the V
+            self._write(b"C\r")
+            self._await_answer(ANSWER_S)
         self._frames.clear()
         self.is_answering = self.lines.done + self.lines.refused > 0
         if not self.is_answering and self.lines.texts == 0:
