@@ -48,6 +48,20 @@ def test_the_api_page_has_the_docstring_of_every_function(site: Path) -> None:
     assert "<code>duration_s</code>" in page
 
 
+@pytest.mark.parametrize(
+    ("page", "text"),
+    [("own-design", "LqrDesign"), ("own-design", "fourtank_hil.designs"), ("own-detector", "InnovationDetector")],
+)
+def test_the_examples_are_shown_on_their_pages(site: Path, page: str, text: str) -> None:
+    """The formatter once rewrote the line that includes a file, so that the page showed that line."""
+    html = (site / f"how-to/{page}.html").read_text(encoding="utf-8")
+    code = " ".join(re.findall(r"<code>(.*?)</code>", html, re.DOTALL))
+    shown = re.sub(r"<[^>]+>", "", code)
+    assert f"class {text}" in shown or f'"{text}"' in shown.replace("&quot;", '"')
+    assert "8<" not in html
+    assert "8&lt;" not in html
+
+
 def test_every_page_is_in_the_navigation() -> None:
     navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
     pages = {page.relative_to(ROOT / "docs").as_posix() for page in (ROOT / "docs").rglob("*.md")}
