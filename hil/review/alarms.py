@@ -1,8 +1,8 @@
-"""What the alarms of a run come to: one finding for each fault that was spoken of, and how right it was.
+"""The alarms of a run, merged into one finding for each reported fault, and compared with the injected faults.
 
-A detector says the same fault again, under the same number, as it comes to know more; here the first word gives the
-time, the last one kind and size. A recovery closes the finding; the same number afterwards is another fault. Alarms
-without a number (0) stand each for themselves.
+A detector reports a fault again, with the same number, when it knows more: the first report gives the time, the last
+one gives kind and size. A recovery closes the finding; the same number afterwards is another fault. Every alarm without
+a number (0) is a finding of its own.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from hil.core.types import UNRESOLVED
 
 TIME_TOLERANCE_S = 1e-6
 ALSO_CALLED: Mapping[str, str] = {FaultKind.PUMP_DEAD: FaultKind.PUMP_EFFECTIVENESS}
-"""Kinds that may be told by a more general name."""
+"""Kinds that may be reported by a more general name."""
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One fault as the diagnosis told it; None for what it never said.
+    """One fault as the diagnosis reported it; None for what it never reported.
 
-    kind, target, size, size_std, onset_s, candidates : as last said; see `hil.core.types.Alarm`. detected_s : when it
-    was first spoken of. first_candidates : "kind target" of all that it could be then. isolated_s : when kind and
-    target were first settled. flips : how often they changed after that. recovered_s : when it was said to be over.
+    kind, target, size, size_std, onset_s, candidates : as last reported; see `hil.core.types.Alarm`. detected_s : time
+    of the first report. first_candidates : "kind target" of all candidates at that time. isolated_s : when kind and
+    target were first known. flips : how often they changed after that. recovered_s : when its end was reported.
     """
 
     number: int
@@ -45,7 +45,7 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Injected:
-    """A fault that was really there; fields as in a scenario's [[fault]]. until_s : inf when it stays."""
+    """A fault that the emulator played; fields as in a scenario's [[fault]]. until_s : inf for a permanent fault."""
 
     kind: str
     target: Any
@@ -55,7 +55,7 @@ class Injected:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """What a diagnosis may call it."""
+        """The kinds by which a diagnosis may report it."""
         return tuple(filter(None, (self.kind, ALSO_CALLED.get(self.kind))))
 
     @property
@@ -65,17 +65,17 @@ class Injected:
 
     @property
     def is_of_the_process(self) -> bool:
-        """Whether it lies in pumps, tanks or sensors."""
+        """Whether it acts on pumps, tanks or sensors."""
         kind = fault_kind(self.kind)
         return kind is not None and kind.is_of_the_process
 
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """Findings set against what was there.
+    """Findings compared with the injected faults.
 
-    answers : for each of `faults` the finding that speaks of it, None where it was missed. false : findings while
-    nothing was wrong yet. spurious : findings after that which speak of no injected fault.
+    answers : for each of `faults` the finding that reports it, None for a missed fault. false : findings before the
+    first fault. spurious : later findings that report no injected fault.
     """
 
     faults: tuple[Injected, ...]
@@ -85,7 +85,7 @@ class Judgement:
 
     @property
     def is_right(self) -> bool:
-        """Whether every fault of the process is named as it is, and nothing but what is there."""
+        """Whether every fault of the process is reported by its own name, and nothing else is reported."""
         asked = [
             (fault, answer) for fault, answer in zip(self.faults, self.answers, strict=True) if fault.is_of_the_process
         ]
@@ -130,7 +130,7 @@ def injected(faults: Iterable[Mapping[str, Any]]) -> tuple[Injected, ...]:
 
 
 def judge(faults: Sequence[Injected], findings: Sequence[Finding]) -> Judgement:
-    """Who speaks of what: first those that name a fault rightly, then, in the order of time, whoever came after one."""
+    """Assign findings to faults: first those with the right name, then, in the order of time, those after the onset."""
     process = [index for index, fault in enumerate(faults) if fault.is_of_the_process]
     first_s = min((faults[index].at_s for index in process), default=math.inf)
     left = [finding for finding in findings if _time(finding) >= first_s - TIME_TOLERANCE_S]
@@ -191,6 +191,6 @@ def _time(finding: Finding) -> float:
 
 
 def _known(value: Any) -> float | None:
-    """A finite number as it is; whatever else, None."""
+    """The value if it is a finite number, otherwise None."""
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
     return float(value) if is_number and math.isfinite(value) else None

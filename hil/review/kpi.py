@@ -1,6 +1,6 @@
-"""Key figures of a run, `kpi.json`: how well it controlled, what it noticed, how the loop kept time.
+"""Key figures of a run, `kpi.json`: control error, alarms and trips, timing of the loop.
 
-The integral of a window's absolute error is exact for levels that run straight between two steps and references that
+The integral of a window's absolute error is exact for levels that are linear between two steps and references that
 are held from one step to the next. So a reference step that falls on a window's border belongs to the window it opens.
 """
 
@@ -26,7 +26,7 @@ Known = bool | None
 
 RESERVOIR_LOW = "reservoir_low"
 DRY_RUN_S = 2.0
-"""How long pumps may go on after the reservoir has run low."""
+"""How long pumps may run after the reservoir level is low."""
 
 LATENESS_QUANTILES = {"p50": 0.5, "p99": 0.99, "p99_9": 0.999, "max": 1.0}
 LATENCY_QUANTILES = {"p50": 0.5, "p99": 0.99, "max": 1.0}
@@ -45,11 +45,11 @@ class Kpi:
     began. latency_s : quantiles of the time from the arrival of the newest frame that a step could use to the sending
     of its command. recorder_queue_max : most entries that waited for the recorder.
 
-    alarms : one entry a fault that was spoken of, see `hil.review.alarms.Finding`. false_alarms : those before anything
-    was wrong, spurious_alarms : those that speak of no fault of the scenario; None where its faults are not known.
-    iae_after_fault_Vs : from the first fault's onset to the end of the window that it lies in, or of the run.
-    overflow : a level reached the rim. dry_run : a pump ran on without water. applied_out_of_range : a pump's voltage
-    was out of the rig file's range.
+    alarms : one entry for each reported fault, see `hil.review.alarms.Finding`. false_alarms : those before the first
+    fault, spurious_alarms : later ones that report no fault of the scenario; None where its faults are not known.
+    iae_after_fault_Vs : from the first fault's onset to the end of its window, or of the run. overflow : a level
+    reached the rim. dry_run : a pump ran without water. applied_out_of_range : a pump's voltage was outside the rig
+    file's range.
     """
 
     scenario: str
@@ -82,7 +82,7 @@ class Kpi:
 
 
 def compute(folder: RunFolder, speed_x: float | None = None) -> Kpi:
-    """Work the figures out and write `kpi.json`. speed_x : scenario seconds per wall second; from run.json when None.
+    """Compute the figures and write `kpi.json`. speed_x : scenario seconds per wall second; from run.json when None.
 
     Raises RunFolderError when the record cannot be read.
     """
@@ -138,7 +138,7 @@ def evaluate(manifest: Manifest, ticks: Ticks, events: Sequence[LoggedEvent], sp
 
 
 def level_gain(settings: Mapping[str, Any]) -> float:
-    """Level voltage per level in V/cm, from the merged settings; raises RunFolderError when they don't say."""
+    """Level voltage per level in V/cm, from the merged settings; raises RunFolderError when it is missing."""
     try:
         return float(settings["rig"]["sensors"]["gain_V_cm"])
     except (KeyError, TypeError, ValueError) as error:
@@ -146,7 +146,7 @@ def level_gain(settings: Mapping[str, Any]) -> float:
 
 
 def known_faults(plan: RunPlan) -> tuple[Injected, ...] | None:
-    """The faults that were played; None where only the emulator's own scenario would know."""
+    """The injected faults; None for a live run, where only the emulator's own scenario has them."""
     scenario = plan.settings.get("scenario")
     if plan.mode != "lockstep" or not isinstance(scenario, Mapping):
         return None
@@ -154,14 +154,14 @@ def known_faults(plan: RunPlan) -> tuple[Injected, ...] | None:
 
 
 def after_fault_window(faults: Sequence[Injected], windows: Sequence[Window]) -> Window:
-    """From the first fault's onset to the end of the window that it lies in; without one, for ever."""
+    """From the first fault's onset to the end of its window; without a window, to the end of the run."""
     at_s = faults[0].at_s
     to_s = min((window.to_s for window in windows if window.from_s <= at_s < window.to_s), default=math.inf)
     return Window("after_fault", at_s, to_s)
 
 
 def dry_run(times_s: Floats, applied_V: Floats, faults: Sequence[Injected]) -> bool:
-    """Whether a pump was still driven `DRY_RUN_S` after the reservoir had run low. applied_V : (n, 2)."""
+    """Whether a pump was still driven `DRY_RUN_S` after the reservoir level was low. applied_V : (n, 2)."""
     is_driven = (applied_V > 0.0).any(axis=1)
     dry = [fault for fault in faults if fault.kind == RESERVOIR_LOW]
     return any(
@@ -181,8 +181,8 @@ def absolute_error_integral(
 ) -> tuple[float, float]:
     """Integral of |reference - level| over [from_s, to_s], and the seconds of it that the samples cover.
 
-    times_s, reference, level : (n,), times ascending. The reference holds from its sample to the next, the level runs
-    straight between samples and holds for `hold_s` after the last. Units: those of the level, times s.
+    times_s, reference, level : (n,), times ascending. The reference is held from its sample to the next; the level is
+    linear between samples and held for `hold_s` after the last. Units: those of the level, times s.
     """
     known = np.isfinite(times_s) & np.isfinite(reference) & np.isfinite(level)
     times_s, reference, level = times_s[known], reference[known], level[known]

@@ -106,5 +106,5 @@ def figure(svg: str, title: str, caption: str) -> str:
 
 
 def fold(title: str, text: str) -> str:
-    """A text that unfolds on a click."""
+    """A text that is shown on a click."""
     return f"<details><summary>{escape(title)}</summary><pre>{escape(text)}</pre></details>\n"

@@ -1,4 +1,4 @@
-"""`ticks.csv` and `events.jsonl` read back. After a kill, half a line may stand at the end; it is left out."""
+"""Reads `ticks.csv` and `events.jsonl`. If the run was killed, the last line may be incomplete; it is left out."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ import sys
 
 from hil.edge.record.run_folder import RunFolder, RunFolderError
 
-START_S = 3.0  # a viewer that cannot start (no screen, no graphics) gives up sooner
+START_S = 3.0  # a viewer that cannot start (no screen, no graphics) ends within this time
 
 
 class NoViewerError(RunFolderError):
@@ -16,7 +16,7 @@ class NoViewerError(RunFolderError):
 
 
 def view(folder: RunFolder, *, start_s: float = START_S) -> None:
-    """Start the viewer on `run.rrd` and leave it to the user.
+    """Start the viewer on `run.rrd`; it goes on running afterwards.
 
     Raises NoViewerError, with a message for the user, when there is no recording or no viewer can start.
     """
@@ -29,7 +29,7 @@ def view(folder: RunFolder, *, start_s: float = START_S) -> None:
     try:
         code = viewer.wait(timeout=start_s)
     except subprocess.TimeoutExpired:
-        return  # it runs, and goes on after us
+        return  # it runs, and is not stopped with this program
     if code != 0:
         raise NoViewerError(f"the Rerun viewer ended at once (code {code}); {_instead(folder)}")
 

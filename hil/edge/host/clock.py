@@ -1,4 +1,4 @@
-"""The monotonic clock, what came when on it, and a flag that signals set."""
+"""The monotonic clock, arrival times on it, and a flag that signals set."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from collections.abc import Callable
 from types import FrameType
 
 AWAKE_NS = 150_000
-"""The last moments before a deadline are waited out awake; to wake up seldom takes longer."""
+"""The last part of each wait is a busy loop; waking up seldom takes longer than this."""
 
 
 class MonotonicClock:
-    """Nanoseconds that never jump; only here is time slept away."""
+    """Nanoseconds that never jump. This is the only class that sleeps."""
 
     def now_ns(self) -> int:
         """Now, from an arbitrary origin."""

@@ -34,7 +34,7 @@ def has_capability(bit: int, status: Path = Path("/proc/self/status")) -> bool:
 
 
 def governors(sys_folder: Path = Path("/sys")) -> tuple[str, ...]:
-    """Of every core that tells one."""
+    """The frequency governors of all cores that have one."""
     names = []
     for file in sorted(sys_folder.glob(GOVERNORS)):
         with suppress(OSError):

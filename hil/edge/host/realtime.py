@@ -3,7 +3,7 @@
     SCHED_FIFO      before every ordinary process; what the thread starts is ordinary again
     memory locked   no page of the process is fetched from a disk, present or future
     one processor   if wanted
-    gc frozen       what start-up has built is never searched again; the rest once in a while, when a step is over
+    gc frozen       objects of the start-up are not searched again; the others now and then, after a step
 
 What is refused is one line that names the privilege and how to grant it; the run goes on without. Everything is given
 back at the end, so that the report is not drawn before all other processes.
@@ -40,7 +40,7 @@ class RealTime:
 
 
 class RealTimeError(HilError, ValueError):
-    """Something that no privilege would make possible."""
+    """A request that no privilege makes possible."""
 
 
 def parse_request(is_wanted: bool, priority: int | None, cpu: int | None) -> RealTime | None:
@@ -69,13 +69,13 @@ def _check(wanted: RealTime) -> None:
 
 @dataclass(slots=True)
 class Applied:
-    """What came of it. refusals : one line each. housekeeping : to be called after each step."""
+    """What the system granted. refusals : one line each. housekeeping : to be called after each step."""
 
     refusals: tuple[str, ...]
     steps: int = 0
 
     def housekeeping(self) -> None:
-        """Collect garbage at every so many calls: as little lives that was not there at the start, some 50 us."""
+        """Collect garbage once in `STEPS_PER_COLLECTION` calls; it takes some 50 us, since few objects are new."""
         self.steps += 1
         if self.steps % STEPS_PER_COLLECTION == 0:
             gc.collect()
@@ -137,7 +137,7 @@ def _stay_on(cpu: int | None, stack: ExitStack) -> str:
 
 
 def _freeze(stack: ExitStack) -> None:
-    """Collect once, leave what is there out of every later search, and search only when asked to."""
+    """Collect once, exclude the existing objects from later searches, and search only on request."""
     gc.collect()
     gc.freeze()
     stack.callback(gc.unfreeze)

@@ -1,9 +1,9 @@
-"""The recorder: what the control loop hands its steps, frames and events to.
+"""The recorder: takes steps, frames and events from the control loop and writes them to files.
 
 `Recorder` writes at once, in the caller's thread: for lockstep, where two runs with the same seed must give the same
 bytes. For a live run, where nothing may delay the loop, `hil.edge.record.recorder_process` puts it into a process of
-its own. Both have the same methods. A file that fails (a full disk, a lost mount) is given up and the others go on; no
-error of theirs reaches the loop. `health()` reports it at once, and `events.jsonl` and `run.json` keep it.
+its own. Both have the same methods. A file that fails (a full disk, a lost mount) is closed and the others go on; no
+error reaches the loop. `health()` reports it at once, `events.jsonl` and `run.json` record it.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ if TYPE_CHECKING:  # it takes longer to import than all the rest of the recorder
 
 
 class Timeline(Protocol):
-    """A further record of the run beside the files, such as Rerun's. It may raise; the recorder then gives it up."""
+    """A further record of the run beside the files, such as Rerun's. It may raise; the recorder then stops using it."""
 
     def tick(self, row: Row) -> None:
         """Take one step; `row` in the order of the signals that this mode of run records."""
 
     def event(self, t_s: float, event: Event) -> None:
-        """Take one event."""
+        """Record one event."""
 
     def flush(self) -> None:
-        """Bring what was taken to the disk; raises when that fails."""
+        """Write what was recorded so far to the disk; raises when that fails."""
 
     def close(self) -> None:
-        """Flush and finalise."""
+        """Flush and finalise the file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class RecorderHealth:
 
 
 class _Sink:
-    """A text file that is given up at its first error."""
+    """A text file that is closed at its first error."""
 
     def __init__(self, name: str, file: TextIO, on_failure: Callable[[str], None]) -> None:
         self._name, self._file, self._on_failure = name, file, on_failure
@@ -196,7 +196,7 @@ class Recorder:
         self._frames.write(frame_line(timestamp_s + self._epoch_s, self._channel, message))
 
     def event(self, t_s: float, event: Event) -> None:
-        """Write one event and bring it to the disk."""
+        """Write one event and hand it to the operating system."""
         self._events.write(event_line(t_s, event))
         self._events.flush()
         if self._timeline is not None:
@@ -205,13 +205,13 @@ class Recorder:
             self._on_event(event)
 
     def flush_files(self) -> None:
-        """Bring ticks and frames to the operating system."""
+        """Hand ticks and frames to the operating system."""
         self._ticks.flush()
         self._frames.flush()
         self._sent.flush()
 
     def flush(self) -> None:
-        """Bring everything there, the timeline too."""
+        """Hand everything to it, the timeline too."""
         self.flush_files()
         if self._timeline is not None:
             self._try_timeline(self._timeline.flush)
@@ -221,7 +221,7 @@ class Recorder:
         return RecorderHealth(self._errors)
 
     def close(self, status: Status, reason: str, *, speed_x: float | None = None, dropped: int = 0) -> None:
-        """Finish all files and write down how the run ended. A second call does nothing."""
+        """Finish all files and record how the run ended. A second call does nothing."""
         if self._is_closed:
             return
         self.abandon()
@@ -232,7 +232,7 @@ class Recorder:
             self._errors += (f"{self._folder.manifest_path.name} keeps the status running: {error}",)
 
     def abandon(self) -> None:
-        """Finish all files but run.json: the run was interrupted, nobody knows how it ended."""
+        """Finish all files but run.json: the run was interrupted, how it ended is not known."""
         self._is_closed = True
         if self._timeline is not None:
             self._try_timeline(self._timeline.close)

@@ -1,10 +1,11 @@
 """The run as a Rerun recording, `run.rrd`: every series on the timeline `run_time`, with the layout it opens in.
 
-Rows are gathered and sent by columns, one chunk for each entity: some twenty times cheaper than single calls. What is
-drawn together shares an entity, because each chunk costs about 1.1 kB of file however few rows it has. A live run,
-which sends small chunks so that little is lost when it is killed, is compacted at its end.
+Rows are gathered and sent by columns, one chunk for each entity: some twenty times cheaper than single calls. Series
+that are drawn together share an entity, because each chunk costs about 1.1 kB of file however few rows it has. A live
+run, which sends small chunks so that little is lost when it is killed, is compacted at its end.
 
-The file format is young; `ticks.csv`, `can.log` and `events.jsonl` are the primary record.
+The file format is young; `ticks.csv`, `can.log` and `events.jsonl` are the primary record
+(docs/decisions/0003-record.md).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""A run's folder: which files it has, and `run.json`, which says what was run and how it ended.
+"""A run's folder: which files it has, and `run.json`, which records what was run and how it ended.
 
 A folder is written once. `create` refuses a path that exists, so that no run ever overwrites another. `run.json` is
 there from the first moment with status "running" and is replaced as a whole at the end; a run that was killed therefore
-keeps "running", which readers take for "interrupted". All other files are appended to while the run goes on:
+keeps "running", which readers show as "interrupted". All other files are appended to while the run goes on:
 
     run.json      what was run, with copies of its configuration     can.log   every frame, as `candump -L` writes them
     ticks.csv     one line for each control step                     sent.log  those that the controller sent
@@ -52,7 +52,7 @@ class IncompleteRecordError(RunFolderError):
 
 
 class RunFolderExistsError(RunFolderError, FileExistsError):
-    """The path is taken. Nothing was written."""
+    """The path exists already. Nothing was written."""
 
 
 class NoRunFolderError(RunFolderError, FileNotFoundError):
@@ -125,7 +125,7 @@ class Manifest:
 
     @property
     def outcome(self) -> str:
-        """The status for people: a run whose end was never written down was interrupted."""
+        """The status as shown to users: a run whose end was not recorded was interrupted."""
         return "interrupted" if self.status == "running" else self.status
 
     def to_json(self) -> str:
@@ -237,7 +237,7 @@ class RunFolder:
         return Manifest.from_json(self.manifest_path.read_text(encoding="utf-8"))
 
     def note_run_zero(self, monotonic_s: float) -> None:
-        """Write down when the run's time began. Raises OSError, RunFolderError."""
+        """Record when the run's time began. Raises OSError, RunFolderError."""
         before = self.manifest()
         self._write_manifest(replace(before, clock=before.clock.with_run_zero(monotonic_s)))
 
@@ -250,7 +250,7 @@ class RunFolder:
         speed_x: float | None = None,
         recorder: Mapping[str, Any] | None = None,
     ) -> None:
-        """Write down how the run ended. speed_x : scenario seconds per wall second."""
+        """Record how the run ended. speed_x : scenario seconds per wall second."""
         before = self.manifest()
         self._write_manifest(
             replace(
