@@ -57,7 +57,7 @@ test-socketcan: $(READY)  ## the tests on the kernel's CAN buses, in a guest whe
 	@$(BIN)/python -m tools.guest test
 
 test-long: $(READY)  ## simulated hours, two thousand pairs of faults, mutants: ten minutes on two cores
-	$(BIN)/python -m pytest -n $(CORES) -m long
+	$(BIN)/python -m pytest -n $(CORES) --dist worksteal -m long
 	$(MAKE) --no-print-directory mutants
 
 mutants: $(READY)  ## every small change of the safety modules, and a sample of those elsewhere, must fail a test

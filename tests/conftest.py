@@ -1,7 +1,9 @@
-"""How tests are shared out among processes: the slowest first; what shares a fixture stays together."""
+"""How tests are shared out among processes: the slowest first; what shares a fixture stays together. No deadlines."""
 
 from __future__ import annotations
 
+from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -24,11 +26,27 @@ SLOW = (
     "bus/test_bus_slcan_opening.py",
     "glr/test_glr_process.py",
     "campaign/test_campaign_runs.py",
+    "live/test_live_shell_blocks.py",
     "live/test_live_doctor.py::test_the_emulator_conforms_as_a_process",
     "live/test_live_faults.py::test_case_52",
     "live/test_live_doctor.py",
 )
 """Slowest first, by `pytest --durations`."""
+
+
+def pytest_pycollect_makemodule(module_path: Path) -> None:
+    """Before a module is imported; live tests draw no examples, and need not load hypothesis."""
+    if module_path.parent.name != "live":
+        _take_deadlines_away()
+
+
+@cache
+def _take_deadlines_away() -> None:
+    """No limit of 200 ms for an example: a busy machine exceeds it, and it is no requirement."""
+    from hypothesis import settings
+
+    settings.register_profile("no deadline", settings.default, deadline=None)
+    settings.load_profile("no deadline")
 
 
 @pytest.hookimpl(trylast=True)
