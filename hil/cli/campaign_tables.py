@@ -14,7 +14,7 @@ from hil.campaigns.statistics import FaultClass
 
 MAX_NAMED = 5
 MIN_WIDTH = 120
-"""Of the table where no terminal sets its width."""
+"""Of the table, where no terminal sets its width. On a narrower terminal each class is a few lines instead."""
 
 
 def show(console: Console, rows: Sequence[Row]) -> None:
@@ -23,7 +23,10 @@ def show(console: Console, rows: Sequence[Row]) -> None:
         console.width = max(console.width, MIN_WIDTH)
     classes = statistics.fault_classes(rows)
     if classes:
-        console.print(_class_table(classes))
+        if console.width < MIN_WIDTH:
+            _show_as_lines(console, classes)
+        else:
+            console.print(_class_table(classes))
     if missing := not_played_text(statistics.not_played(rows)):
         console.print(missing, highlight=False, markup=False)
     console.print(f"False alarms: {rate_text(statistics.false_alarms(rows))}", highlight=False)
@@ -38,6 +41,22 @@ def show(console: Console, rows: Sequence[Row]) -> None:
     if steps:
         cpu_us = 1e6 * sum(row.cpu_s for row in rows) / steps
         console.print(f"{steps} control steps, {cpu_us:.0f} µs of processor time each.", highlight=False)
+
+
+def _show_as_lines(console: Console, classes: Sequence[FaultClass]) -> None:
+    """The same for a narrow terminal: a few lines for each class of faults, of at most 60 columns."""
+    console.print("Median / 95th percentile:", highlight=False)
+    for one in classes:
+        bound = "" if one.bound_s is None else f", bound {one.bound_s:.2g} s"
+        lines = (
+            one.label,
+            f"  {one.runs} runs, found {one.detected:.1%}, right {one.right:.1%}",
+            f"  found after {spread_text(one.detection, 2)} s{bound}",
+            f"  isolated after {spread_text(one.isolation, 2)} s",
+            f"  size error 5 s later {spread_text(one.size_error_5s, 2)}",
+        )
+        for line in lines:
+            console.print(line, highlight=False, markup=False)
 
 
 def _class_table(classes: Sequence[FaultClass]) -> Table:

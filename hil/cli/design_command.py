@@ -22,7 +22,7 @@ from hil.edge.record.run_folder import write_atomically
 def run(console: Console, config_dir: Path | None, out: Path | None) -> None:
     """Print all designs of the table; write `step.svg` and `sigma.svg` into `out` if given. Raises SettingsError.
 
-    A design that this rig can't have is named with the reason; the others are shown.
+    A design that this rig can't have, or that does not load, is named with the reason; the others are shown.
     """
     rig_path = (config_dir or default_config_dir()) / "rig.toml"
     rig = load_rig(rig_path)
@@ -31,11 +31,11 @@ def run(console: Console, config_dir: Path | None, out: Path | None) -> None:
     designs: list[DesignFigures] = []
     for name in DESIGNS.names:
         console.print()
-        console.print(f"[bold]{name}[/]: {DESIGNS.find(name, str(rig_path)).summary}", highlight=False)
         try:
+            console.print(f"[bold]{name}[/]: {DESIGNS.find(name, str(rig_path)).summary}", highlight=False)
             designs.append(design_figures(rig, name, str(rig_path)))
         except SettingsError as error:
-            console.print(f"not on this rig: {error}", highlight=False, markup=False)
+            console.print(f"not available: {error}", highlight=False, markup=False)
             continue
         _show_gains(console, designs[-1])
     if not designs:

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import re
 from dataclasses import asdict, dataclass, fields, replace
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow.parquet as pq
 import pytest
+from rich.console import Console
 
 from hil.campaigns import outcome, statistics
 from hil.campaigns.campaign_report import render
@@ -16,6 +19,7 @@ from hil.campaigns.observer import COLUMNS, Observations, Observer, rate_broken
 from hil.campaigns.outcome import Rest, RigFigures
 from hil.campaigns.row import INVARIANTS, Elapsed, Row
 from hil.campaigns.store import Store
+from hil.cli import campaign_tables
 from hil.core.types import Alarm, Event, Mode, Pair, Severity, TickRecord
 from hil.edge.record.run_folder import RunFolderError
 from hil.loop import Outcome as Ending
@@ -242,3 +246,17 @@ def test_faults_that_were_not_played_are_told_apart_from_those_not_found() -> No
     assert statistics.not_played([played, late]) == {"leak 1": 1}
     assert statistics.confusion([played, late]) == {"leak 1": {"nothing": 1}}
     assert "the run ended before the fault began: leak 1 (1)" in render("late", [played, late])
+
+
+@pytest.mark.parametrize("width", [60, 100, 120])
+def test_the_outcomes_are_readable_at_any_width(width: int) -> None:
+    """At 60 columns the table used to be nothing but dots."""
+    page = StringIO()
+    console = Console(file=page, width=width, force_terminal=True, no_color=True)
+    found = row(label="pump_effectiveness 1+2 = 0.4", detected=True, right=True, detection_s=0.3, isolation_s=0.5)
+    campaign_tables.show(console, [replace(found, bound_s=0.2, size_error_5s=0.01)])
+    text = re.sub(r"\x1b\[[0-9;]*m", "", page.getvalue())
+    assert max(map(len, text.splitlines())) <= width
+    assert "…" not in text
+    for shown in ("pump_effectiveness 1+2 = 0.4", "100.0%", "0.3 / 0.3", "0.5 / 0.5", "0.01 / 0.01"):
+        assert shown in text

@@ -95,6 +95,10 @@ def test_a_package_that_cannot_be_imported_is_named(own_package: Path, tmp_path:
     assert done.returncode == 2
     assert "package fourtank-example" in done.stderr
     assert "No module named 'no_such_module'" in done.stderr
+    listed = run(tmp_path, broken, "-m", "hil", "design")
+    assert listed.returncode == 0, "the designs of hil are shown all the same"
+    assert "not available" in listed.stdout
+    assert "\nrig: " in listed.stdout
 
 
 TEN_LINES = """\
