@@ -12,7 +12,7 @@ from hil.core.controller import ControllerState
 from hil.core.design import CalibratedDesign
 from hil.core.diagnosis.ideal import IdealDetector, NoDetector, PumpFault
 from hil.core.tanks import TankModel, equilibrium
-from hil.core.types import Inputs, Mode, NodeState, Pair, Severity, TickRecord, Timing, TripCause
+from hil.core.types import Action, Inputs, Mode, NodeState, Pair, Request, Severity, TickRecord, Timing, TripCause
 from tests.core.core_bench import (
     BENCH,
     CALIBRATED,
@@ -353,6 +353,21 @@ def test_a_run_stops_by_itself_at_its_duration(duration_s: float) -> None:
     assert records[-1].command_V == (0.0, 0.0)
     falling = [r.command_V[0] for r in records if r.mode is Mode.STOPPING]
     assert falling == sorted(falling, reverse=True)
+
+
+@pytest.mark.parametrize(
+    ("at_s", "expected"),
+    [(0.9, False), (1.0, False), (1.05, True), (1.1, True), (2.9, True), (2.999, True), (3.0, False), (3.1, False)],
+)
+@pytest.mark.parametrize("action", [Action.CLEAR, Action.MANUAL])
+def test_a_clear_is_awaited_when_it_is_due_after_this_step_and_before_the_end(
+    at_s: float, expected: bool, action: Action
+) -> None:
+    """One that is due exactly at the end is never carried out; a run that waited for it passed every test."""
+    config = replace(controller_config(duration_s=3.0), requests=((at_s, Request(action)),))
+    state, records = run(config, Plant(), 12)
+    assert records[-1].t_s == pytest.approx(1.0)
+    assert controller.will_be_cleared(config, state) is (expected and action is Action.CLEAR)
 
 
 def test_integrals_stand_while_stopping() -> None:

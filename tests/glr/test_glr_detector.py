@@ -122,6 +122,23 @@ def test_a_stuck_sensor_is_replaced_by_the_model_and_comes_back(sensor: int) -> 
     assert log.last.diagnosis.trusted == (True, True, True, True)
 
 
+@pytest.mark.parametrize("kind", ["sensor_stuck", "sensor_open"])
+@pytest.mark.parametrize("sensor", [0, 3])
+def test_a_sensor_is_used_again_after_five_seconds_of_agreement_and_not_before(kind: str, sensor: int) -> None:
+    """One taken back after a single reading that agreed passed every test."""
+    begin, end = {
+        "sensor_stuck": (lambda p: p.stick(sensor), lambda p: p.stuck_V.clear()),
+        "sensor_open": (lambda p: p.open.add(sensor), lambda p: p.open.clear()),
+    }[kind]
+    healed_s = FAULT_S + 4.0
+    log = play(43, healed_s + 8.0, ((FAULT_S, begin), (healed_s, end)), steps=())
+    lost, back = log.settled()
+    assert (lost.kind, lost.target, back.kind, back.is_recovery) == (kind, sensor + 1, kind, True)
+    untrusted = [n * PERIOD_S for n, state in enumerate(log.states) if not state.diagnosis.trusted[sensor]]
+    agreed_s = untrusted[-1] + PERIOD_S - healed_s
+    assert agreed_s == pytest.approx(5.0, abs=2.1 * PERIOD_S) if kind == "sensor_open" else 4.9 < agreed_s < 6.0
+
+
 def test_an_open_sensor_is_lost_after_three_readings() -> None:
     log = play(39, FAULT_S + 2.0, ((FAULT_S, lambda p: p.open.add(1)),))
     assert named(log) == [("sensor_open", 2)]

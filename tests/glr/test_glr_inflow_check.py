@@ -50,3 +50,17 @@ def test_periods_without_readings_leave_the_others_to_judge() -> None:
     memory = watched(2, (3.0, 3.0), (0.0, 1.0))
     memory.history.entries[::2, 2 + 3] = math.nan
     assert inflow_check.is_missing(CONFIG, memory, 0)
+
+
+@pytest.mark.parametrize("pump", [0, 1])
+def test_in_a_nearly_empty_tank_a_dead_pump_is_told_from_a_weak_one(pump: int) -> None:
+    """With the outflow of a tank of a few millimetres taken for that of a centimetre, a dead pump seemed to deliver."""
+    dead, weak = [1.0, 1.0], [1.0, 1.0]
+    dead[pump], weak[pump] = 0.0, 0.4
+    tank, steps = 3 - pump, (200, 150)[pump]
+    for seed in range(3):
+        drained, filled = watched(seed, (3.0, 3.0), dead, steps=steps), watched(seed, (3.0, 3.0), weak, steps=300)
+        assert 0.06 < drained.x[tank] < 0.4
+        assert 0.06 < filled.x[tank] < 0.8
+        assert inflow_check.is_missing(CONFIG, drained, pump)
+        assert not inflow_check.is_missing(CONFIG, filled, pump)

@@ -1,0 +1,90 @@
+"""The tuning's defaults, where they show: in the page that explains them, and in what they limit."""
+
+import re
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hil.core.diagnosis.glr import declaration
+from hil.core.diagnosis.glr.filter import READING, VARIANCE, VOLTAGE
+from hil.core.diagnosis.glr.memory import Declared, Memory, StuckCheck
+from hil.core.diagnosis.glr.tuning import Tuning
+from hil.core.types import Measurement
+from tests.glr.glr_bench import DETECTOR, NO_ESTIMATE, PERIOD_S
+
+PAGE = Path(__file__).parents[2] / "docs/explanation/diagnosis.md"
+UNITS = {"%": 0.01, "mV": 1e-3}
+
+
+def documented() -> dict[str, float]:
+    """The defaults of the page's table of tuning constants, in the units of `Tuning`."""
+    found = {}
+    for line in PAGE.read_text().splitlines():
+        cells = [cell.strip() for cell in line.split("|")]
+        names = re.findall(r"`(\w+)`", cells[1]) if len(cells) > 3 else []
+        if names and all(name in Tuning.__dataclass_fields__ for name in names):
+            for name, value in zip(names, cells[2].split(", "), strict=True):
+                number, _, unit = value.partition(" ")
+                found[name] = float(number) * UNITS.get(unit, 1.0)
+    return found
+
+
+def test_the_defaults_are_those_that_the_documentation_gives() -> None:
+    """A default changed by 10 % shows in a campaign only; a change needs numbers before and after, and this page."""
+    page = documented()
+    assert len(page) >= 20
+    assert {name: getattr(Tuning(), name) for name in page} == pytest.approx(page)
+
+
+def test_every_constant_is_explained() -> None:
+    explained = str(Tuning.__doc__)
+    assert [field.name for field in fields(Tuning) if not re.search(rf"\b{field.name}\b", explained)] == []
+
+
+def a_memory() -> Memory:
+    """The detector's memory after half a minute of readings without any noise, at rest."""
+    level_V = (6.2, 6.4, 0.8, 0.7)
+    reading = Measurement(level_V, (True,) * 4, 0.0, 5, (0.0,) * 4, (0.0,) * 4)
+    memory: Memory | None = None
+    for number in range(300):
+        memory, _ = DETECTOR.step(memory, number * PERIOD_S, reading, NO_ESTIMATE, (3.0, 3.0))
+    assert memory is not None
+    return memory
+
+
+def test_a_mean_of_many_quiet_readings_is_trusted_to_half_a_millivolt() -> None:
+    memory = a_memory()
+    DETECTOR._note(
+        memory, memory.t_s + PERIOD_S, Measurement((6.2, 6.4, 0.8, 0.7), (True,) * 4, 0.0, 1_000_000), (3, 3)
+    )
+    used = np.isfinite(memory.entry[READING : READING + 4])
+    assert used.any()
+    std_V = np.sqrt(memory.entry[VARIANCE : VARIANCE + 4] / memory.scale)[used]
+    assert std_V == pytest.approx(np.full(len(std_V), 5e-4), rel=0.01)
+
+
+@pytest.mark.parametrize("pump", [0, 1])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("moved", "is_stuck"), [(0.145, False), (0.155, True)])
+def test_a_pump_is_stuck_only_when_its_voltage_has_moved_by_15_per_cent(
+    pump: int, sign: float, moved: float, is_stuck: bool
+) -> None:
+    memory, voltage_V = a_memory(), 3.0
+    memory.declared[pump] = Declared("pump_effectiveness", -0.4, 1.0, 7, 20.0, 21.0)
+    memory.stuck_check = StuckCheck(
+        pump=pump,
+        number=7,
+        detected_s=20.0,
+        onset_s=19.5,
+        until_s=memory.t_s + 5.0,
+        voltage_V=voltage_V,
+        x=memory.x.copy(),
+        P=memory.P.copy(),
+    )
+    memory.entry[VOLTAGE + pump] = voltage_V * (1.0 + sign * moved)
+    enough = 1.01 * DETECTOR.config.tuning.detect
+    alarms = declaration.watch_stuck(DETECTOR.config, memory, 0.0, enough)
+    assert [(alarm.kind, alarm.target, alarm.number) for alarm in alarms] == [("pump_stuck_on", pump + 1, 7)] * is_stuck
+    assert (memory.stuck_check is None) is is_stuck
