@@ -1,7 +1,6 @@
 """The real-time loop on a clock that is handed in: deadlines, skipped steps, and 0 V as the last word."""
 
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -47,15 +46,13 @@ def test_a_late_step_is_made_once_and_what_was_missed_is_skipped(
 def test_after_a_long_stall_the_node_has_tripped_and_the_controller_trips_without_a_burst(
     bench: partial[Bench],
 ) -> None:
+    """The distance between the commands after the stall used to be asserted, of which there was none to look at."""
     run = bench(stalls={1000 * MS: 1050 * MS})
     outcome = run.run()
     assert (outcome.status, outcome.reason) == ("tripped", "node_tripped")
     after = [(at, command) for at, command in zip(run.times_ms(), run.port.sent, strict=True) if at > 1000.0]
     assert all(not command.enable for _, (_, command) in after)
-    times = [at for at, _ in after]
-    assert times[0] == 2050.0
-    assert all(b - a >= 50.0 for a, b in pairwise(times[:-1]))
-    assert len(times) <= 5
+    assert [at for at, _ in after] == [2050.0, 2050.0], "the step that trips, and the end"
     assert run.port.rig.truth().pump_state is NodeState.TRIPPED
     run.assert_ended_at_rest()
 
