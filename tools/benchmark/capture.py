@@ -7,16 +7,14 @@ from typing import Any
 
 import can
 
-from firmware_sim import settings as emulator_settings
 from firmware_sim.ports import BusPort as EmulatorPort
-from firmware_sim.rig import Rig as Emulator
 from hil import lockstep
 from hil.bench import assembly
+from hil.bench.emulator_twin import emulator_of
 from hil.core.controller import Output
 from hil.core.types import Event, Inputs, Mode, Quad, TickRecord
 from hil.edge.can.bus import BusPort
 from hil.edge.can.pair_bus import pair
-from hil.loop import ControlLoop
 from tools.benchmark import SCENARIO
 
 
@@ -33,21 +31,12 @@ class Capture:
         """A scenario, or the beginning of it."""
         bench = assembly.load(scenario)
         config = assembly.controller_config(bench, duration_s)
-        truth, faults = emulator_settings.load(bench.emulator_path, bench.scenario_path)
-        emulator = Emulator(truth, faults, 1, emulator_settings.load_fingerprint(bench.dbc_path))
+        emulator = emulator_of(bench, seed=1)
         capture = cls(config.loop.period_s)
         ours, theirs = pair()
         with ours, theirs:
             port = BusPort(ours)
-            loop = ControlLoop(
-                config,
-                bench.contract,
-                bench.rig.sensors.range_V,
-                port,
-                capture,
-                arm_timeout_s=bench.rig.safety.arm_timeout_s,
-                on_tick=capture.watch,
-            )
+            loop = assembly.make_loop(bench, config, port, capture, on_tick=capture.watch)
             lockstep.run(loop, port, EmulatorPort(emulator, theirs), config.loop.period_s)
         return capture
 

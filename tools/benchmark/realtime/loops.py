@@ -33,7 +33,7 @@ from hil.edge.host.clock import MonotonicClock
 from hil.edge.host.realtime import RealTime
 from hil.edge.record.recorder_process import ProcessRecorder
 from hil.edge.record.run_folder import RunFolder
-from hil.loop import ControlLoop, Outcome
+from hil.loop import Outcome
 from tools.benchmark.realtime.node import VirtualLine, serve
 
 SCENARIO = """
@@ -166,9 +166,7 @@ def whole(
         stack.callback(port.close)
         watch = Stopwatch(recorder)
         clock = MonotonicClock()
-        loop = ControlLoop(
-            config, bench.contract, bench.rig.sensors.range_V, port, watch, arm_timeout_s=10.0, clock_ns=clock.now_ns
-        )
+        loop = assembly.make_loop(bench, config, port, watch, clock_ns=clock.now_ns)
         applied = stack.enter_context(realtime.applied(RealTime(priority, cpu)))
         period_ns = round(period_s * 1e9)
         clock.sleep_until((clock.now_ns() // period_ns + 1) * period_ns)  # the node relies on it
