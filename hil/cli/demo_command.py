@@ -17,6 +17,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from hil.bench import assembly, lockstep_run, run_options
 from hil.bench.campaign_case import run_case
+from hil.bench.run_record import check_complete
 from hil.campaigns.cases import Case
 from hil.cli import demo_tables
 from hil.cli.demo_tables import GLR_DETECTOR, IDEAL_DETECTOR, NO_RECONFIGURATION, Figures
@@ -103,6 +104,7 @@ def _recorded(job: Job, record: Path) -> Figures:
     bench = assembly.load(job.scenario_path, job.config_dir)
     bench = replace(bench, scenario=validated(Scenario, job.scenario_data, str(job.scenario_path)))
     kpi: Kpi = lockstep_run.simulate(bench, run_options.RunOptions(record, job.seed))
+    check_complete(RunFolder.open(record), kpi)
     return Figures(kpi.iae_Vs)
 
 

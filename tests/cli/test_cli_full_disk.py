@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import pickle
 import re
 import shutil
 import signal
@@ -294,6 +295,8 @@ def test_a_run_that_tripped_keeps_its_exit_code(tmp_path: Path) -> None:
     assert str(error) == (
         f"{folder.path}: the record is incomplete: can.log: full (and 1 more); the run: tripped, high_level"
     )
+    handed_on = pickle.loads(pickle.dumps(error))  # noqa: S301 - our own; hil demo's runs are other processes
+    assert (str(handed_on), handed_on.status) == (str(error), "tripped")
     assert exit_codes.of_run(error.status, error.reason, is_incomplete=True) == 3
     assert exit_codes.of_run("stopped", "SIGTERM", is_incomplete=True) == 143
     assert exit_codes.of_run("complete", "duration over", is_incomplete=True) == 5
