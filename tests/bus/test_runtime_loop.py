@@ -46,7 +46,7 @@ def test_a_late_step_is_made_once_and_what_was_missed_is_skipped(
 def test_after_a_long_stall_the_node_has_tripped_and_the_controller_trips_without_a_burst(
     bench: partial[Bench],
 ) -> None:
-    """The distance between the commands after the stall used to be asserted, of which there was none to look at."""
+    """The test used to compare distances between commands that are never sent, and passed with any."""
     run = bench(stalls={1000 * MS: 1050 * MS})
     outcome = run.run()
     assert (outcome.status, outcome.reason) == ("tripped", "node_tripped")
