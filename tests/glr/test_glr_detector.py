@@ -9,6 +9,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from hil.core.diagnosis.glr.glr_detector import GlrDetector
+from hil.core.diagnosis.glr.memory import Memory
 from hil.core.diagnosis.glr.tuning import Tuning
 from hil.core.types import UNRESOLVED, Measurement, Pair
 from tests.glr.glr_bench import DETECTOR, MODEL, NO_ESTIMATE, PERIOD_S, Plant, RunLog, play, put
@@ -50,6 +51,25 @@ def test_pumps_that_lose_gain(left: Pair, isolated_within_s: float) -> None:
     assert all(alarm.detected_s >= FAULT_S for alarm in log.alarms)
     assert log.last.diagnosis.effectiveness == pytest.approx(left, abs=0.015)
     assert all(abs(alarm.onset_s - FAULT_S) < 0.35 for alarm in log.settled())
+
+
+def test_a_pump_that_loses_more_gain_later_has_not_recovered() -> None:
+    """A second verdict on a pump means recovery only when its effectiveness is close to 1."""
+    log = play(34, FAULT_S + 16.0, ((FAULT_S, lose(0.7, 1.0)), (FAULT_S + 8.0, lose(0.4, 1.0))))
+    assert log.last.diagnosis.effectiveness == pytest.approx((0.4, 1.0), abs=0.015)
+
+
+def test_as_many_verdicts_as_allowed_within_the_time_mean_divergence_one_less_does_not() -> None:
+    tuning = DETECTOR.config.tuning
+    reading = Measurement((5.0, 5.0, 1.0, 1.0), (True, True, True, True), 0.0, 5)
+    memory = Memory.begin(DETECTOR.config, 100.0, reading, (0.0, 0.0))
+    times_s = tuple(100.0 - 0.1 * number for number in reversed(range(tuning.verdicts_max)))
+    memory.verdicts_s = times_s[1:]
+    assert not DETECTOR._is_diverged(memory, 5.0)
+    memory.verdicts_s = times_s
+    assert DETECTOR._is_diverged(memory, 5.0)
+    memory.verdicts_s = (100.0 - tuning.diverged_s, *times_s[1:])
+    assert not DETECTOR._is_diverged(memory, 5.0)
 
 
 @pytest.mark.parametrize("sensor", range(4))

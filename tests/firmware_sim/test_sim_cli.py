@@ -1,0 +1,40 @@
+"""The emulator's command line: which port it serves, and what it says about it (live runs: test_sim_live)."""
+
+from typing import Any
+
+import pytest
+
+from firmware_sim import cli
+from firmware_sim.ports import PtyPort, TcpPort
+from firmware_sim.rig import Rig
+from tests.firmware_sim.fault_bench import rig_with
+
+
+@pytest.fixture
+def served(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, str]]:
+    """What would be served and where, in place of serving it."""
+    ports: list[tuple[Any, str]] = []
+
+    def keep(_rig: Rig, _commands: object, port: Any, where: str) -> None:
+        ports.append((port, where))
+        port.close()
+
+    monkeypatch.setattr(cli, "_run", keep)
+    return ports
+
+
+def test_without_a_port_number_a_pseudo_terminal_is_served(served: list[tuple[Any, str]]) -> None:
+    commands: Any = None
+    cli._serve_slcan(rig_with(), commands, None)
+    ((port, where),) = served
+    assert isinstance(port, PtyPort)
+    assert where == f"slcan on {port.path}"
+
+
+def test_port_0_is_a_free_tcp_port(served: list[tuple[Any, str]]) -> None:
+    commands: Any = None
+    cli._serve_slcan(rig_with(), commands, 0)
+    ((port, where),) = served
+    assert isinstance(port, TcpPort)
+    assert where.startswith("slcan on socket://127.0.0.1:")
+    assert int(where.rpartition(":")[2]) > 0
