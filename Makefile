@@ -43,7 +43,7 @@ test: lint unit  ## all checks and tests
 lint: $(READY)   ## style, types, architecture, words
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
-	$(BIN)/mypy
+	$(BIN)/mypy --num-workers $(CORES)
 	$(BIN)/lint-imports
 	$(BIN)/python -m tools.words
 
