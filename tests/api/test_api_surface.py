@@ -1,5 +1,6 @@
 """The public face: what `import hil` promises, and what it costs."""
 
+import doctest
 import json
 import re
 import subprocess
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import hil
+import hil.bench.api
 
 
 def test_all_is_the_documented_surface() -> None:
@@ -50,6 +52,12 @@ def test_functions_document_arguments_errors_and_an_example(name: str) -> None:
         assert re.search(rf"^\s+{section}\n\s+-+$", doc, re.MULTILINE), section
     arguments = getattr(hil, name).__code__.co_varnames[: getattr(hil, name).__code__.co_argcount]
     assert all(re.search(rf"\b{argument}\b", doc) for argument in arguments)
+
+
+def test_the_examples_of_the_functions_give_what_they_show() -> None:
+    """The example of `simulate` used to show a number of steps without those of the final ramp."""
+    failed, attempted = doctest.testmod(hil.bench.api)
+    assert (failed, attempted >= 10) == (0, True)
 
 
 def test_all_errors_have_one_base_class() -> None:
