@@ -122,8 +122,8 @@ def _class_table(classes: Sequence[FaultClass]) -> str:
         for one in classes
     ]
     heads = [
-        "fault", "runs", "found", "found after [s]", "bound [s]", "isolated after [s]", "among candidates", "right",
-        "flips", "size error, 1 s", "5 s", "IAE after it, outputs 1 | 2 [V s]",
+        "fault", "runs", "detected", "detected after [s]", "bound [s]", "isolated after [s]", "among candidates",
+        "right", "flips", "size error, 1 s", "5 s", "IAE after it, outputs 1 | 2 [V s]",
     ]  # fmt: skip
     note = (
         '<p class="soft">Median / 95th percentile. Delays since the onset; size errors of a pump\'s effectiveness.</p>'

@@ -18,12 +18,12 @@ MIN_DELAY_S = 0.05
 
 def delays(label: str, rows: Sequence[Row], bound_s: float | None) -> str:
     """Histogram of the delays of detection and isolation over a logarithmic time, with the information bound."""
-    found = _known(row.detection_s for row in rows)
-    told = _known(row.isolation_s for row in rows)
+    detected = _known(row.detection_s for row in rows)
+    isolated = _known(row.isolation_s for row in rows)
     figure, (axes,) = panels(1)
-    both = np.concatenate((found, told))
+    both = np.concatenate((detected, isolated))
     edges = np.geomspace(MIN_DELAY_S, max(10.0, 1.05 * both.max() if len(both) else 10.0), BINS + 1)
-    for values, color, name in ((found, BLUE, "found"), (told, ORANGE, "told what it is")):
+    for values, color, name in ((detected, BLUE, "detected"), (isolated, ORANGE, "isolated")):
         if len(values):
             axes.hist(values, bins=edges.tolist(), color=color, alpha=0.6, label=f"{name} ({len(values)})")
     if bound_s is not None:
