@@ -1,7 +1,8 @@
 """One control step: the loop computes a command, the supervisor decides what is sent, the step is recorded.
 
 `step(config, state, inputs, now_ns) -> (state, output)`. This module does not know where inputs come from or where
-commands go. The loop runs first, so that the supervisor decides with this step's diagnosis.
+commands go. The loop runs first, so that the supervisor decides with this step's diagnosis; see
+docs/decisions/0011-interlocks.md.
 """
 
 from __future__ import annotations

@@ -14,6 +14,7 @@ water raises a tank, or the tank below it, by at most its own volume. Adding tha
 
 A blocked outlet drains less than eq. (1) says. The outflow of a lower tank is therefore measured: inflow minus the
 change of its volume, as a share of a_l sqrt(2 g h_l), smoothed over SMOOTHING_S.
+The interlock that uses it: docs/decisions/0011-interlocks.md.
 """
 
 from __future__ import annotations

@@ -5,6 +5,8 @@ leaves in them, the filter's own reaction taken off: linear, so one recursion a 
 likelihood is best at s = sum(z e) / sum(z z); the log-likelihood ratio against no jump is then
 sum(z e)^2 / (2 sum(z z)). Willsky and Jones (1976), sections III and IV.
 
+Why this method: `docs/decisions/0009-diagnosis-by-likelihood-ratios.md`.
+
 Onsets: every step for 2 s, then ever fewer, five to an octave, back to 64 s at 10 Hz.
 """
 

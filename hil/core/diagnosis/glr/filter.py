@@ -5,7 +5,7 @@ long as the rig behaves as the model says. A reading is the mean over the readin
 moment within the period: at the share `WEIGHT` of the way from the last step to this one.
 
 What a step sees is an *entry* of the history, (ENTRY,) numbers; the constants below are where each group begins.
-All matrices are dense and small.
+All matrices are dense and small. Why this filter: `docs/decisions/0009-diagnosis-by-likelihood-ratios.md`.
 """
 
 from __future__ import annotations

@@ -89,6 +89,7 @@ class GlrDetector:
                     levels[i] = level_V[i]
             variances[i] = scale[i] * (sensor.current_variance / max(n, 1) + floor_V2)
         mean_age_s = measurement.age_s + 0.5 * dt * (n - 1) / n if n > 0 else 0.0
+        # in the order of the layout of an entry, see `filter`
         m.entry[:] = (*applied_V, *levels, *variances, dt, min(max(1.0 - mean_age_s / dt, 0.0), 1.0))
 
     def _filter(self, m: Memory) -> list[Alarm]:
