@@ -8,7 +8,7 @@ import pytest
 from firmware_sim.failure_command import components_for
 from firmware_sim.faults.base import FailureWord, FaultTable, PumpNumber
 from firmware_sim.faults.catalogue import FAMILIES, KINDS, as_markdown, as_text, kinds_in, value_of
-from firmware_sim.setting_types import within
+from firmware_sim.setting_types import accepts, within
 
 
 class Worn(FaultTable):
@@ -51,3 +51,11 @@ def test_every_kind_says_what_it_acts_on_its_unit_and_how_to_command_it(kind: st
 def test_no_two_kinds_share_a_word_of_a_component() -> None:
     calls = [(word.component, word.word) for table in KINDS.values() for word in table.words]
     assert len(set(calls)) == len(calls)
+
+
+@pytest.mark.parametrize(("kind", "table"), KINDS.items(), ids=KINDS)
+def test_a_target_that_may_be_left_out_is_one_that_the_kind_accepts(kind: str, table: type[FaultTable]) -> None:
+    """A default is not checked when a fault is built."""
+    field = table.model_fields["target"]
+    if not field.is_required():
+        assert field.default in accepts(field).choices, kind
