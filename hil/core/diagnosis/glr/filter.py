@@ -218,11 +218,13 @@ def _state_reading_covariance(model: FilterModel, dt: float, A: Array, BP: Array
 @compiled
 def _kalman_gain(X: Array, whitener: Array, K: Array) -> None:
     """K = X S^-1 with S^-1 = whitener' whitener, (N, 4)."""
+    t = np.empty(4)
     for j in range(N):
-        t = np.zeros(4)
         for i in range(4):
+            value = 0.0
             for m in range(i + 1):
-                t[i] += whitener[i, m] * X[j, m]
+                value += whitener[i, m] * X[j, m]
+            t[i] = value
         for i in range(4):
             value = 0.0
             for m in range(i, 4):
