@@ -50,8 +50,8 @@ lint: $(READY)   ## style, types, architecture, words
 unit: $(READY)   ## the test suite: on all cores, then live runs beside each other, then those that measure time, alone
 	$(BIN)/python -m pytest -n $(WORKERS) $(BY_FILE) tests/safety tests/wire $(COVERED)
 	$(BIN)/python -m pytest -n $(WORKERS) $(BY_FILE) -m "not live and not long and not socketcan" --ignore=tests/safety --ignore=tests/wire
-	$(BIN)/python -m pytest -n $(LIVE_WORKERS) --dist loadgroup --no-loadscope-reorder -m "live and not timing" tests/live
-	$(BIN)/python -m pytest -m timing tests/live
+	$(BIN)/python -m pytest -n $(LIVE_WORKERS) --dist loadgroup --no-loadscope-reorder -m "live and not timing and not long" tests/live
+	$(BIN)/python -m pytest -m "timing and not long" tests/live
 
 test-socketcan: $(READY)  ## the tests on the kernel's CAN buses, in a guest where this kernel has none
 	@$(BIN)/python -m tools.guest test

@@ -4,7 +4,7 @@ import hil
 
 result = hil.simulate("pump_loss", duration_s=260.0)
 
-for fault in result.manifest.plan.settings["scenario"]["fault"]:
+for fault in result.settings["scenario"]["fault"]:
     print(f"played:   {fault['kind']} {fault['target']} = {fault['value']} at {fault['at_s']:.1f} s")
 for alarm in result.alarms:
     print(f"reported: {alarm.kind} {alarm.target} = {alarm.size:.3f} +- {alarm.size_std:.3f}")

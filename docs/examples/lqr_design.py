@@ -23,4 +23,4 @@ if __name__ == "__main__":
     for design in ("rig", LqrDesign()):
         result = hil.simulate("paper", design=design)
         first, second = result.iae_Vs["reference_step"]
-        print(f"{result.manifest.plan.settings['scenario']['control']['design']:10} IAE {first:.3f}, {second:.3f} V s")
+        print(f"{result.settings['scenario']['control']['design']:10} IAE {first:.3f}, {second:.3f} V s")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from math import isfinite
 from pathlib import Path
 
 from hil.bench import assembly, campaign_run
@@ -21,7 +22,7 @@ from hil.core.design import GainDesign
 from hil.core.diagnosis.detector import FaultDetector
 from hil.edge.can.bus import BusAddress
 from hil.edge.config.rig_file import load_rig
-from hil.edge.config.settings_file import default_config_dir
+from hil.edge.config.settings_file import MAX_DURATION_S, SettingsError, default_config_dir
 from hil.edge.host.realtime import RealTime
 
 StrPath = str | Path
@@ -124,6 +125,8 @@ def simulate(
     ('complete', 0.1)
 
     """
+    _check_whole("seed", seed, 0)
+    _check_duration(duration_s)
     bench = _bench(scenario, rig, config, design, detector)
     if out is None:
         from hil.bench.memory_run import simulate_in_memory
@@ -266,6 +269,10 @@ def campaign(
     [True, True]
 
     """
+    _check_duration(duration_s)
+    for name, value, least in (("seeds", seeds, 1), ("first_seed", first_seed, 0), ("processes", processes, 1)):
+        if value is not None:
+            _check_whole(name, value, least)
     options = CampaignOptions(_path(out), _path(config), seeds, first_seed, duration_s, processes, scheduler, report)
     prepared = campaign_run.prepare(spec, options)
     store = None if out is None else campaign_run.open_store(prepared, Path(out))
@@ -329,3 +336,18 @@ def _bench(
 
 def _path(given: StrPath | None) -> Path | None:
     return None if given is None else Path(given)
+
+
+def _check_duration(duration_s: float | None) -> None:
+    """Refuse what is no duration. Raises SettingsError."""
+    if duration_s is None:
+        return
+    is_number = isinstance(duration_s, (int, float)) and not isinstance(duration_s, bool)
+    if not (is_number and isfinite(duration_s) and 0.0 <= duration_s <= MAX_DURATION_S):
+        raise SettingsError(f"duration_s = {duration_s!r}: must be a number of seconds within 0..{MAX_DURATION_S:g}")
+
+
+def _check_whole(name: str, value: int, least: int) -> None:
+    """Refuse what is no whole number of at least `least`. Raises SettingsError."""
+    if isinstance(value, bool) or not isinstance(value, int) or value < least:
+        raise SettingsError(f"{name} = {value!r}: must be a whole number, at least {least}")

@@ -58,6 +58,8 @@ def _check_law(config: ControllerConfig, at_s: float, reference_V: Pair) -> None
         slowest = closed_loop_poles(linearise(model, (h1, h2, h3, h4)), gain_matrix(law.gains))[0]
     except FAILURES as error:
         raise DryStepError(f"no control law {where}: {error}") from None
+    except Exception as error:  # noqa: BLE001 - a design of a user's own may raise anything
+        raise DryStepError(f"the design fails {where}: {type(error).__name__}: {error}") from None
     if not slowest.real < 0.0:
         raise DryStepError(
             f"the design's gain does not stabilise this rig {where}: "

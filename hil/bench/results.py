@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from math import isnan, nan
 from pathlib import Path
 from typing import Any
 
@@ -53,8 +54,14 @@ class RunResult:
 
     @property
     def iae_Vs(self) -> Mapping[str, tuple[float, float]]:  # noqa: N802 - units keep their case
-        """Integral of the absolute error of outputs 1 and 2 in V s, for each window of the scenario."""
-        return self.kpi.iae_Vs
+        """Integral of the absolute error of outputs 1 and 2 in V s, by window; NaN for one not reached."""
+        covered_s = self.kpi.iae_covered_s
+        return {name: iae if covered_s[name] > 0.0 else (nan, nan) for name, iae in self.kpi.iae_Vs.items()}
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """The settings of the run as nested dicts: `settings["rig"]`, `settings["scenario"]`."""
+        return self.manifest.plan.settings
 
     @property
     def alarms(self) -> tuple[Finding, ...]:
@@ -76,7 +83,10 @@ class RunResult:
 
     def __repr__(self) -> str:
         where = "in memory" if self.folder is None else str(self.folder)
-        iae = ", ".join(f"{name} {first:.3f}, {second:.3f} V s" for name, (first, second) in self.iae_Vs.items())
+        iae = ", ".join(
+            f"{name} not reached" if isnan(first) else f"{name} {first:.3f}, {second:.3f} V s"
+            for name, (first, second) in self.iae_Vs.items()
+        )
         return (
             f"<RunResult {self.kpi.scenario}: {self.status} ({self.reason}), {len(self.series['t_s'])} steps, "
             f"{len(self.alarms)} alarms, IAE: {iae or 'no windows'}; {where}>"

@@ -63,7 +63,12 @@ class Gains:
 
 
 class GainDesign(Protocol):
-    """A design computes gains for a linear model. Users can supply their own: see docs/how-to."""
+    """A design computes gains for a linear model of the rig with healthy pumps.
+
+    The controller uses them as u = -K_x (h - h0) - K_q q, where h are the four levels in cm, h0 those of the operating
+    point, and q (V s) the integrals of reference minus output: q' = r - y. A pump with effectiveness theta gets
+    (v0 + u)/theta, so a design never sees a fault. docs/how-to/own-design.md has an example.
+    """
 
     @property
     def follows_reference(self) -> bool:

@@ -31,6 +31,7 @@ class Run:
     ticks: Ticks
     events: Sequence[LoggedEvent]
     kpi: Kpi
+    name: str = ""
 
     @property
     def strategy(self) -> str:
@@ -72,7 +73,7 @@ def render(run: Run, other: Run | None = None) -> str:
 def _load(folder: RunFolder) -> Run:
     manifest = folder.manifest()
     ticks, events = read(folder)
-    return Run(manifest, ticks, events, evaluate(manifest, ticks, events))
+    return Run(manifest, ticks, events, evaluate(manifest, ticks, events), folder.path.name)
 
 
 def _header(manifest: Manifest) -> str:
@@ -152,7 +153,9 @@ def _iae_table(runs: Sequence[Run]) -> str:
             span = f"{spans[name].from_s:g} to {spans[name].to_s:g} s"
             if covered_s < spans[name].to_s - spans[name].from_s - 1e-6:
                 span += f", {covered_s:.1f} s of it recorded"
-            rows.append([name, run.strategy, span, f"{first_Vs:.4g}", f"{second_Vs:.4g}", run.kpi.iae_source])
+            figures = [f"{first_Vs:.4g}", f"{second_Vs:.4g}"] if covered_s > 0.0 else ["not reached", ""]
+            strategy = f"{run.strategy} ({run.name})" if len(runs) > 1 else run.strategy
+            rows.append([name, strategy, span, *figures, run.kpi.iae_source])
     if not rows:
         return ""
     heads = ["window", "strategy", "span", "output 1 [V s]", "output 2 [V s]", "level from"]

@@ -87,6 +87,7 @@ def _toml(value: object) -> str:
 @settings(
     max_examples=150, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
+@pytest.mark.long
 @given(CHANGES, st.sampled_from(["glr", "none"]), st.sampled_from(["rig", "rig", "calibrated"]))
 def test_whatever_the_check_accepts_survives_its_first_steps(
     tmp_path: Path, changes: dict[str, object], method: str, design: str

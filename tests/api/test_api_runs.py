@@ -2,7 +2,9 @@
 
 import json
 from concurrent.futures import ThreadPoolExecutor
+from math import isnan
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -179,3 +181,45 @@ def test_simulate_may_be_called_from_any_thread_and_run_from_the_main_one_only(s
         with pytest.raises(RuntimeError, match="main thread"):
             pool.submit(hil.run, scenario, out="run").result()
     assert not Path("run").exists()
+
+
+@pytest.mark.parametrize("duration_s", [float("nan"), float("inf"), -1.0, "5", True], ids=str)
+def test_a_duration_that_is_none_is_refused(duration_s: Any) -> None:
+    """A simulation of NaN seconds never ended; one of "5" seconds tripped in its first step."""
+    with pytest.raises(hil.SettingsError, match=r"duration_s = .*must be a number of seconds"):
+        hil.simulate("paper_quick", duration_s=duration_s)
+    with pytest.raises(hil.SettingsError, match="duration_s = "):
+        hil.campaign("paper_quick", duration_s=duration_s)
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "1", True], ids=str)
+def test_a_seed_that_is_no_whole_number_is_refused(seed: Any) -> None:
+    with pytest.raises(hil.SettingsError, match=r"seed = .*must be a whole number, at least 0"):
+        hil.simulate("paper_quick", seed=seed)
+
+
+@pytest.mark.parametrize(("name", "value"), [("seeds", 0), ("first_seed", -1), ("processes", 0), ("seeds", 2.0)])
+def test_a_campaign_s_numbers_are_checked(name: str, value: Any) -> None:
+    with pytest.raises(hil.SettingsError, match=f"{name} = "):
+        hil.campaign("paper_quick", **{name: value})
+
+
+def test_a_design_that_returns_something_else_is_refused_with_what_it_raised() -> None:
+    """It used to end in a traceback from inside of the controller."""
+
+    class NoGains:
+        follows_reference = True
+
+        def gains(self, linear: hil.LinearModel) -> Any:
+            return linear.B
+
+    with pytest.raises(hil.SettingsError, match=r"the design fails .*AttributeError"):
+        hil.load("paper", design=NoGains())
+
+
+def test_a_window_that_was_not_reached_has_no_iae(tmp_path: Path) -> None:
+    """0.0 V s would be a perfect score."""
+    result = hil.simulate("paper", duration_s=3.0)
+    assert all(isnan(first) and isnan(second) for first, second in result.iae_Vs.values())
+    assert "gain_fall not reached" in repr(result)
+    assert "not reached" in result.report(tmp_path / "report.html").read_text(encoding="utf-8")

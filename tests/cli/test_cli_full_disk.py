@@ -103,6 +103,7 @@ def test_a_disk_that_fills_at_any_write_of_a_run(
     assert set(codes) == {NOTHING_MOVED, INCOMPLETE}
 
 
+@pytest.mark.long
 def test_a_disk_that_fills_at_any_write_of_a_report(
     command_line: CommandLine, scenario: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -121,6 +122,7 @@ def test_a_disk_that_fills_at_any_write_of_a_report(
         assert {path.name: path.read_bytes() for path in folder.iterdir()} == before, "the old ones stay"
 
 
+@pytest.mark.long
 def test_a_disk_that_fills_at_any_write_of_a_campaign(
     command_line: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -167,6 +169,7 @@ def run_whole(*arguments: object, **options: Any) -> Result:
     return Result(done.returncode, done.stdout or "", done.stderr)
 
 
+@pytest.mark.long
 def test_a_real_disk_that_is_too_small(small_disk: Path, tmp_path: Path, command_line: CommandLine) -> None:
     """With Rerun, which writes by itself and used to say so in four lines of its own."""
     scenario = tmp_path / "long.toml"
@@ -195,6 +198,7 @@ def test_a_disk_that_is_full_at_the_start(small_disk: Path, scenario: Path) -> N
     assert [path.name for path in small_disk.iterdir()] == ["filler"]
 
 
+@pytest.mark.long
 def test_no_file_may_grow_beyond_a_limit(tmp_path: Path) -> None:
     """The same where no file system can be mounted: EFBIG instead of ENOSPC, by RLIMIT_FSIZE."""
     scenario = tmp_path / "long.toml"

@@ -30,6 +30,7 @@ def test_simulate_and_plot(run_example: Callable[[str], str], tmp_path: Path) ->
     assert "<svg" in (tmp_path / "paper.svg").read_text()
 
 
+@pytest.mark.long
 def test_fault_and_report(run_example: Callable[[str], str], tmp_path: Path) -> None:
     out = run_example("fault_and_report")
     assert "played:   pump_effectiveness 1 = 0.4 at 200.0 s" in out
@@ -38,6 +39,7 @@ def test_fault_and_report(run_example: Callable[[str], str], tmp_path: Path) -> 
     assert "<html" in (tmp_path / "pump_loss.html").read_text()
 
 
+@pytest.mark.long
 def test_an_lqr_as_a_design_of_ones_own(run_example: Callable[[str], str]) -> None:
     out = run_example("lqr_design")
     figures = dict(re.findall(r"^(\w+) +IAE ([0-9.]+)", out, re.MULTILINE))
@@ -53,6 +55,7 @@ def test_a_detector_of_ones_own(run_example: Callable[[str], str]) -> None:
     assert re.search(r"1\.00 before, 0\.(3[89]|4[012]) a minute after", out)
 
 
+@pytest.mark.long
 def test_a_small_campaign(run_example: Callable[[str], str]) -> None:
     out = run_example("small_campaign")
     assert "pump_effectiveness 1 = 0.4: 100% found" in out

@@ -105,6 +105,8 @@ TEN_LINES = """\
 import hil
 import numpy as np
 from scipy.linalg import solve_continuous_are
+
+pytestmark = pytest.mark.long
 class Lqr:
     follows_reference = True
     def gains(self, linear):

@@ -18,6 +18,7 @@ def test_the_shell_blocks_of_the_readme_run(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "runs/live/run.json").read_text())["status"] == "complete"
 
 
+@pytest.mark.long
 def test_the_shell_blocks_of_the_tutorial_run_and_print_its_figures(tmp_path: Path) -> None:
     page = ROOT / "docs/tutorial/first-run.md"
     run_page(page, tmp_path)
