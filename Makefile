@@ -4,7 +4,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.installed
-SAMPLE ?= 20
+SAMPLE ?= 10
 SEED   ?= 1
 
 # compiled once and not by each of the hundreds of processes that the tests start

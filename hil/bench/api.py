@@ -92,7 +92,7 @@ def simulate(
     scenario : str, path or Bench
         A scenario file, a shipped name, or what `load` returned; then `rig`, `config`, `design` and `detector` are
         those of `load`.
-    rig, config, design, detector
+    rig, config, design, detector : optional
         As for `load`.
     seed : int
         Of the emulator's noise and parameter spread. Equal seeds give equal results.
@@ -160,7 +160,7 @@ def run(
 
     Parameters
     ----------
-    scenario, rig, config, design, detector
+    scenario, rig, config, design, detector : optional
         As for `simulate`.
     out : str or path
         Run folder to write; refused if it exists.

@@ -27,7 +27,7 @@ app = typer.Typer(
     ),
     epilog=(
         "Exit codes: 0 done, 2 bad input (nothing moved), 3 tripped, 4 not ready or failed, "
-        "5 done, but record or output incomplete, 130 and 143 by signal."
+        "5 done, but record or output incomplete, 129, 130 and 143 by signal."
     ),
     no_args_is_help=True,
     add_completion=False,
@@ -97,7 +97,7 @@ def _version(value: bool) -> None:
 @app.callback()
 def _about(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show and exit.")
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
     ] = False,
 ) -> None:
     del version

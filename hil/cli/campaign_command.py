@@ -44,6 +44,6 @@ def _run_missing(console: Console, campaign: PreparedCampaign, store: Store) -> 
         TimeElapsedColumn(),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=console, transient=True) as bar:
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task(campaign.name, total=len(_missing(campaign, store)))
         return campaign_run.run_missing(campaign, store, lambda _: bar.advance(task))

@@ -124,7 +124,7 @@ def _run_all(console: Console, jobs: dict[str, Job]) -> dict[str, Figures]:
     workers = min(len(jobs), os.cpu_count() or 1)
     with (
         ProcessPoolExecutor(workers, mp_context=context) as pool,
-        Progress(*columns, console=console, transient=True) as bar,
+        Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar,
     ):
         task = bar.add_task(f"the paper's experiment, {len(jobs)} runs", total=len(jobs))
         futures: dict[str, Future[Figures]] = {name: pool.submit(_work, job) for name, job in jobs.items()}

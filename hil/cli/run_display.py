@@ -36,7 +36,7 @@ def progress(console: Console, bench: Bench, duration_s: float | None = None) ->
         TimeRemainingColumn(),
     )
     started = time.perf_counter()
-    with Progress(*columns, console=console, transient=True) as bar:
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task(bench.scenario.scenario.name, total=total_s, speed=0.0)
 
         def advance(steps: int) -> None:

@@ -222,12 +222,7 @@ def _change(old: Pair, new: Pair) -> float:
 
 
 def _reference_at(config: LoopConfig, t_s: float) -> Pair:
-    reference = config.references[0][1]
-    for at_s, values in config.references:
-        if at_s > t_s + TIME_TOLERANCE_S:
-            break
-        reference = values
-    return reference
+    return next(values for at_s, values in reversed(config.references) if at_s <= t_s + TIME_TOLERANCE_S)
 
 
 def _iae(state: LoopState, estimate: Estimate, period_s: float) -> Pair:

@@ -84,6 +84,7 @@ class RigPort:
         return frames
 
     def send(self, frame_id: int, data: bytes, timestamp_s: float) -> bool:
+        assert abs(timestamp_s - self.clock.now * 1e-9) < 1e-6, "a command bears the time of its step"
         message = Message(timestamp_s, frame_id, is_extended_id=False, data=data)
         self.sent.append((self.clock.now, parse_command(message)))
         if self.is_up:

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.core import interlocks, supervisor
-from hil.core.interlocks import BYPASSABLE, INTERLOCKS, NO_BELIEF, Belief, Reaction
+from hil.core.interlocks import BYPASSABLE, INTERLOCKS, NO_BELIEF, Belief, Interlock, Reaction, Situation
 from hil.core.supervisor import OFF, Supervision
 from hil.core.types import Action, Diagnosis, Event, Inputs, Mode, NodeState, Pair, Request, Severity, TripCause
 from tests.narrowing import quad
@@ -559,3 +559,38 @@ def test_no_history_leaves_range_or_rate_or_forgets_a_trip(history: list[Any], l
 def test_the_bench_is_healthy() -> None:
     assert LIMITS.model == BENCH
     assert HEALTHY.measurement.valid == ALL
+
+
+REJECTIONS_EXPLAIN = {
+    TripCause.BUS_FAILED,
+    TripCause.NODE_TRIPPED,
+    TripCause.FRAMES_REFUSED,
+    TripCause.ERROR_STORM,
+    TripCause.STALE_LEVELS,
+    TripCause.STALE_STATUS,
+    TripCause.NODE_LOST,
+    TripCause.ECHO_MISSING,
+}
+"""Causes for which frames or lines that were rejected may be the reason: something is missing or refused on the bus."""
+
+
+@pytest.mark.parametrize("interlock", INTERLOCKS, ids=lambda interlock: interlock.text)
+def test_rejected_frames_are_named_where_they_may_be_the_reason(interlock: Interlock) -> None:
+    """Nowhere else, and without a trace where nothing was rejected."""
+    summary = "7 frames of 0x181 rejected: 7 crc"
+    quiet, noisy = (
+        Situation(
+            inputs=replace(HEALTHY, bus=replace(HEALTHY.bus, rejection_summary=text)),
+            diagnosis=Diagnosis(),
+            level_cm=(10.0, 10.0, 2.0, 2.0),
+            pump_V=(3.0, 3.0),
+            mismatch_s=0.0,
+            open_share=(1.0, 1.0),
+        )
+        for text in ("", summary)
+    )
+    plain = interlock.describe(quiet)
+    expected = f"{plain}; {summary}" if interlock.cause in REJECTIONS_EXPLAIN else plain
+    assert plain.startswith(interlock.text)
+    assert interlock.describe(noisy) == expected
+    assert Interlock(interlock.cause, interlock.is_active, "by default none").describe(noisy) == "by default none"

@@ -194,6 +194,11 @@ def _forget(target: Target) -> None:
     tainted = {target.module} | {test.removesuffix(".py").replace("/", ".") for test in tests}
     while more := {name for name in ours - tainted if not tainted.isdisjoint(_imports(name))}:
         tainted |= more
+    if target.module != "hil":  # a new `hil` would lack the submodules that stay; what it has loaded goes
+        tainted.discard("hil")
+        for name in getattr(sys.modules.get("hil"), "__all__", ()):
+            if not name.startswith("_"):
+                vars(sys.modules["hil"]).pop(name, None)
     for name in tainted:
         sys.modules.pop(name, None)
         parent, _, leaf = name.rpartition(".")
