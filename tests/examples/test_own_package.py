@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "docs" / "examples" / "own_package"
 PIP = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
@@ -105,8 +107,6 @@ TEN_LINES = """\
 import hil
 import numpy as np
 from scipy.linalg import solve_continuous_are
-
-pytestmark = pytest.mark.long
 class Lqr:
     follows_reference = True
     def gains(self, linear):
