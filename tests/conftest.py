@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -51,6 +53,16 @@ def _take_deadlines_away() -> None:
 
     settings.register_profile("no deadline", settings.default, deadline=None)
     settings.load_profile("no deadline")
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _no_pause_after_a_line_over_tcp() -> Iterator[None]:
+    """pyserial waits 0.3 s after it has closed one, for servers that aren't ready yet; those of the tests are."""
+    from serial.urlhandler import protocol_socket
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(protocol_socket, "time", SimpleNamespace(sleep=lambda _s: None))
+        yield
 
 
 @pytest.hookimpl(trylast=True)

@@ -80,6 +80,7 @@ def test_a_change_that_is_not_compiled_in_keeps_the_cache(toy: Path) -> None:
     assert python("-c", f"import toy.other; {CALL}", path=toy.parent) == "21.0 1"
 
 
+@pytest.mark.long
 def test_a_read_only_installation_uses_the_folder_of_the_user_or_none(toy: Path) -> None:
     (toy / "__pycache__").write_text("")  # a file: no folder can be made there, whoever asks
     assert python("-c", CALL, path=toy.parent) == "21.0 0"
@@ -99,6 +100,7 @@ print(match[0])
 """
 
 
+@pytest.mark.long
 def test_a_change_of_the_filter_reaches_the_bank_that_it_is_compiled_into(tmp_path: Path) -> None:
     """The same with the diagnosis itself: `whitened` of filter.py is compiled into the functions of bank.py."""
     shutil.copytree(ROOT / "hil", tmp_path / "hil", ignore=shutil.ignore_patterns("__pycache__"))
