@@ -107,7 +107,10 @@ def _moved_covariance_rows(A: Array, P: Array) -> Array:
 def _reading_covariance(
     level_gain: float, dt: float, weight: float, A: Array, P: Array, AP: Array
 ) -> tuple[Array, Array]:
-    """B P (4, N) and S = B P B' (4, 4), where B (4, N) maps the state before the step to the expected readings."""
+    """B P (4, N) and S = B P B' (4, 4), where B (4, N) maps the state before the step to the expected readings.
+
+    S is symmetric: only its lower triangle is computed.
+    """
     BP = np.empty((4, N))
     B = np.zeros((4, N))
     for i in range(4):
@@ -121,13 +124,13 @@ def _reading_covariance(
         B[i, i] += level_gain * (1.0 - weight)
         B[i, BIAS + i] += 1.0
         B[i, DRIFT + i] += weight * dt
-    S = np.empty((4, 4))
-    for i in range(4):
-        for j in range(4):
-            value = 0.0
-            for m in range(N):
-                value += BP[i, m] * B[j, m]
-            S[i, j] = value
+    S = np.zeros((4, 4))
+    for j in range(4):
+        for m in range(N):
+            value = B[j, m]
+            if value != 0.0:
+                for i in range(j, 4):
+                    S[i, j] += BP[i, m] * value
     return BP, S
 
 
@@ -204,13 +207,16 @@ def _state_reading_covariance(model: FilterModel, dt: float, A: Array, BP: Array
     for i in range(4):
         for j in range(N):
             X[j, i] = BP[i, j]
-        for m in range(MOVING):
-            value = 0.0
-            for j in range(N):
-                value += A[m, j] * BP[i, j]
-            X[m, i] = value
         for m in range(4):
             X[BIAS + m, i] += dt * BP[i, DRIFT + m]
+    X[:MOVING] = 0.0
+    for m in range(MOVING):
+        for j in range(N):
+            value = A[m, j]
+            if value != 0.0:
+                for i in range(4):
+                    X[m, i] += value * BP[i, j]
+    for i in range(4):
         X[i, i] += model.level_gain_V_cm * model.walk[LEVEL + i]
     return X
 
@@ -234,20 +240,22 @@ def _kalman_gain(X: Array, whitener: Array, K: Array) -> None:
 
 @compiled
 def _move_covariance(P: Array, A: Array, AP: Array, walk: Array, dt: float) -> None:
-    """P <- F P F' + Q for the transition F whose top rows are A and in which biases follow drifts."""
-    top = np.empty((MOVING, MOVING))
-    for i in range(MOVING):
-        for j in range(MOVING):
-            value = 0.0
-            for m in range(N):
-                value += AP[i, m] * A[j, m]
-            top[i, j] = value
+    """P <- F P F' + Q for the transition F whose top rows are A and in which biases follow drifts.
+
+    The block of the moving states is computed in its lower triangle only; `_correct` reads that and writes both.
+    """
     for i in range(MOVING):
         for j in range(MOVING, N):
             P[i, j] = AP[i, j]
             P[j, i] = AP[i, j]
-        for j in range(MOVING):
-            P[i, j] = top[i, j]
+        for j in range(i + 1):
+            P[i, j] = 0.0
+    for j in range(MOVING):
+        for m in range(N):
+            value = A[j, m]
+            if value != 0.0:
+                for i in range(j, MOVING):
+                    P[i, j] += AP[i, m] * value
     for i in range(4):
         if P[DRIFT + i, DRIFT + i] > 0.0:
             for j in range(N):
