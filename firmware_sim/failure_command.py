@@ -1,12 +1,13 @@
 """Faults by command while the rig runs, in the words of PX4's `failure` command.
 
-    failure <component> <failure type> [-i INSTANCE] [-v VALUE] [-t SECONDS]
+    failure <component> <failure type> [-i INSTANCE] [-v VALUE] [-r SECONDS] [-p SECONDS -d DUTY] [-t SECONDS]
     failure <component> ok [-i INSTANCE]
     failure help [<component>]
 
-Instance 0, or none, means all of them. `ok` ends what acts on the component now. A failure type is one of the
-component's words or a kind of fault by its own name; both come from the fault catalogue. The answer is one line:
-"ok ..." or "error: ...".
+Instance 0, or none, means all of them. -r: the fault grows to its value in that time. -p, -d: it is there for the
+share DUTY of every period. -t: it ends after that time. `ok` ends what acts on the component now. A failure type is
+one of the component's words or a kind of fault by its own name; both come from the fault catalogue. The answer is one
+line: "ok ..." or "error: ...".
 """
 
 import math
@@ -19,7 +20,10 @@ from pydantic import ValidationError
 from firmware_sim.faults.base import Fault, FaultTable
 from firmware_sim.faults.catalogue import KINDS, value_of
 
-USAGE = "failure <component> <failure type> [-i INSTANCE] [-v VALUE] [-t SECONDS]"
+USAGE = "failure <component> <failure type> [-i INSTANCE] [-v VALUE] [-r SECONDS] [-p SECONDS -d DUTY] [-t SECONDS]"
+
+OPTIONS = {"-t": "until_s", "-r": "ramp_s", "-p": "period_s", "-d": "duty"}
+"""Options, beside instance and value, and the keys of a [[fault]] that they set."""
 
 TARGETS: dict[str, tuple[int | str, ...]] = {
     "pump": (1, 2),
@@ -99,11 +103,14 @@ class Injector(Protocol):
 
 @dataclass(frozen=True)
 class FailureOptions:
-    """What follows a failure type; None where nothing was given. instance 0 : all."""
+    """What follows a failure type.
+
+    instance : 0 for all. value : None where none was given. times : the others that were given, by key of a [[fault]].
+    """
 
     instance: int = 0
     value: float | None = None
-    lasts_s: float | None = None
+    times: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -156,8 +163,8 @@ def parse(words: list[str]) -> FailureCommand:
     highest = len(component.targets)
     if not 0 <= options.instance <= highest:
         raise FailureCommandError(f"-i {options.instance}: {name} has instances 1 .. {highest}, and 0 for all")
-    if words[2] == "ok" and (options.value is not None or options.lasts_s is not None):
-        raise FailureCommandError(f"{name} ok takes neither -v nor -t")
+    if words[2] == "ok" and (options.value is not None or options.times):
+        raise FailureCommandError(f"{name} ok takes neither -v nor -t, -r, -p, -d")
     return FailureCommand(name, component, words[2], options)
 
 
@@ -170,7 +177,7 @@ def build(command: FailureCommand) -> tuple[Fault, ...]:
         raise FailureCommandError(f"{called} takes no -v")
     given: dict[str, Any] = {"kind": failure_type.kind, "at_s": 0.0}
     given |= {} if value is None else {"value": value}
-    given |= {} if options.lasts_s is None else {"until_s": options.lasts_s}
+    given |= options.times
     targets = command.targets if failure_type.target is None else (failure_type.target,)
     try:
         return tuple(cast(Fault, table.model_validate({**given, "target": target})) for target in targets)
@@ -179,8 +186,16 @@ def build(command: FailureCommand) -> tuple[Fault, ...]:
     key = complaint["loc"][0]
     if complaint["type"] == "missing":
         raise FailureCommandError(f"{called} needs -v VALUE: {value_of(table)}")
-    option, shown = ("-t", options.lasts_s) if key == "until_s" else ("-v", value)
-    raise FailureCommandError(f"{option} {shown:g}: {complaint['msg']}")
+    option = next((option for option, name in OPTIONS.items() if name == key), "-v")
+    shown = value if option == "-v" else options.times.get(str(key))
+    raise FailureCommandError(f"{option}{'' if shown is None else f' {shown:g}'}: {_in_options(complaint['msg'])}")
+
+
+def _in_options(message: str) -> str:
+    """A message about a [[fault]], with the options in place of the keys."""
+    for option, key in OPTIONS.items():
+        message = message.replace(key, option)
+    return message
 
 
 def _component(name: str) -> Component:
@@ -204,8 +219,8 @@ def _help(names: list[str]) -> str:
 def _options(words: list[str]) -> FailureOptions:
     found: dict[str, float] = {}
     for flag, text in zip(words[::2], [*words[1::2], None], strict=False):
-        if flag not in ("-i", "-v", "-t"):
-            raise FailureCommandError(f"unknown option {flag!r}: must be -i, -v or -t")
+        if flag not in ("-i", "-v", *OPTIONS):
+            raise FailureCommandError(f"unknown option {flag!r}: must be one of -i, -v, {', '.join(OPTIONS)}")
         if text is None:
             raise FailureCommandError(f"{flag} needs a number")
         if flag in found:
@@ -214,7 +229,9 @@ def _options(words: list[str]) -> FailureOptions:
     instance = found.get("-i", 0.0)
     if not instance.is_integer():
         raise FailureCommandError(f"-i {instance:g}: must be a whole number")
-    return FailureOptions(int(instance), found.get("-v"), found.get("-t"))
+    return FailureOptions(
+        int(instance), found.get("-v"), {key: found[option] for option, key in OPTIONS.items() if option in found}
+    )
 
 
 def _number(flag: str, text: str) -> float:

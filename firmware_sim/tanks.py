@@ -100,7 +100,7 @@ def _outlets_cm2(settings: EmulatorSettings, effects: Effects) -> tuple[float, .
 
 def _splits(settings: EmulatorSettings, effects: Effects) -> tuple[float, float]:
     (own1, own2), (new1, new2) = settings.pumps.valve_split, effects.valve_split
-    return own1 if new1 is None else new1, own2 if new2 is None else new2
+    return own1 if new1 is None else new1.of(own1), own2 if new2 is None else new2.of(own2)
 
 
 class Tanks:
@@ -129,7 +129,7 @@ class Tanks:
         """Use the leaks, blocked outlets, valve splits and lags of these effects from now on."""
         self._slopes = slopes_of(self._settings, effects)
         lags = zip(self._own_lags_s, effects.lag_s, strict=True)
-        self._lags_s = tuple(own_s if new_s is None else new_s for own_s, new_s in lags)
+        self._lags_s = tuple(own_s if new_s is None else new_s.of(own_s) for own_s, new_s in lags)
 
     def stir(self, volumes_cm3: list[float]) -> None:
         """Add a volume to each tank (negative: remove it), within 0 .. height."""

@@ -7,10 +7,11 @@ command, its help and the table in the documentation (see `firmware_sim.faults.c
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Protocol, get_args
 
-from pydantic import ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
-from firmware_sim.faults.effects import Effects, Episode
+from firmware_sim.faults.effects import Effects
+from firmware_sim.faults.episode import Episode
 from firmware_sim.setting_types import Table, one_of, within
 
 MAX_S = 1e7
@@ -40,6 +41,18 @@ class Fault(Protocol):
     def until_s(self) -> float | None:
         """End, or None: the fault lasts to the end of the run."""
 
+    @property
+    def ramp_s(self) -> float:
+        """Time in which the fault grows to its full size, 0 for an abrupt one."""
+
+    @property
+    def period_s(self) -> float | None:
+        """Period of an intermittent fault, or None: it does not go away before its end."""
+
+    @property
+    def duty(self) -> float | None:
+        """Share of each period in which an intermittent fault is there."""
+
     def apply(self, effects: Effects, episode: Episode) -> None:
         """Write this fault into the effects."""
 
@@ -58,7 +71,8 @@ class FaultTable(Table):
     """A [[fault]] of a scenario.
 
     acts_on : the part that fails, as the documentation calls it. targets_text : for the documentation, where listing
-    all targets would be too long. unit : of `value`, "" where the kind takes none.
+    all targets would be too long. unit : of `value`, "" where the kind takes none. grows_from : what `value` is in a
+    healthy rig, from which a fault with `ramp_s` grows; "" for a kind that can't grow.
     words : how the `failure` command calls this kind; the first one decides the component and the target of the kind's
     own name.
     """
@@ -66,10 +80,14 @@ class FaultTable(Table):
     acts_on: ClassVar[str]
     targets_text: ClassVar[str] = ""
     unit: ClassVar[str] = ""
+    grows_from: ClassVar[str] = ""
     words: ClassVar[tuple[FailureWord, ...]]
 
     at_s: Annotated[float, within(0.0, MAX_S)]
     until_s: Annotated[float, within(0.0, MAX_S)] | None = None
+    ramp_s: Annotated[float, within(0.0, MAX_S)] = 0.0
+    period_s: Annotated[float, within(0.01, MAX_S)] | None = None
+    duty: Annotated[Annotated[float, within(0.001, 0.999)] | None, Field(validate_default=True)] = None
 
     @field_validator("until_s")
     @classmethod
@@ -78,6 +96,21 @@ class FaultTable(Table):
         if until_s is not None and at_s is not None and until_s <= at_s:
             raise PydanticCustomError("order", "must be later than at_s = {at_s}", {"at_s": at_s})
         return until_s
+
+    @field_validator("ramp_s")
+    @classmethod
+    def _can_grow(cls, ramp_s: float) -> float:
+        if ramp_s > 0.0 and not cls.grows_from:
+            raise PydanticCustomError("growth", "must be 0: {kind} has no size that grows", {"kind": kind_of(cls)})
+        return ramp_s
+
+    @field_validator("duty")
+    @classmethod
+    def _belongs_to_a_period(cls, duty: float | None, info: ValidationInfo) -> float | None:
+        if "period_s" in info.data and (duty is None) != (info.data["period_s"] is None):
+            other = "needs period_s, too" if duty is not None else "must be given with period_s"
+            raise PydanticCustomError("intermittent", "{other}", {"other": other})
+        return duty
 
 
 def kind_of(table: type[FaultTable]) -> str:

@@ -6,7 +6,8 @@ from typing import Annotated, Literal
 from can import Message
 
 from firmware_sim.faults.base import FailureWord, FaultTable, Volt
-from firmware_sim.faults.effects import NS_PER_S, Effects, Episode, Source
+from firmware_sim.faults.effects import NS_PER_S, Effects, Source
+from firmware_sim.faults.episode import Episode
 from firmware_sim.frames import COMMAND_ID, Frame, pack_command
 from firmware_sim.setting_types import named, within
 
@@ -28,6 +29,7 @@ class Babble(FaultTable):
 
     acts_on = "bus"
     unit = "frames/s"
+    grows_from = "0"
     words = (FailureWord("bus", "babble", target="foreign"), FailureWord("bus", "flood", target="top"))
 
     kind: Literal["babble"]
@@ -43,9 +45,10 @@ class Babble(FaultTable):
             del counter
             return Frame(now_ns / NS_PER_S, can_id, is_extended_id=False, data=random.bytes(8), is_rx=False)
 
-        effects.sources[f"babble {self.target}"] = _source(episode, self.value, frame)
+        rate_per_s = episode.grown(0.0, self.value)
+        _add_source(effects, f"babble {self.target}", episode, rate_per_s, frame)
         if self.target == "top":
-            effects.is_jammed = self.value >= FULL_LOAD_PER_S
+            effects.is_jammed = rate_per_s >= FULL_LOAD_PER_S
 
 
 class ForeignCommand(FaultTable):
@@ -67,7 +70,7 @@ class ForeignCommand(FaultTable):
             data = pack_command((voltage_V, voltage_V), counter)
             return Frame(now_ns / NS_PER_S, COMMAND_ID, is_extended_id=False, data=data, is_rx=False)
 
-        effects.sources["foreign_command"] = _source(episode, COMMANDS_PER_S, frame)
+        _add_source(effects, "foreign_command", episode, COMMANDS_PER_S, frame)
 
 
 class ErrorFrames(FaultTable):
@@ -75,6 +78,7 @@ class ErrorFrames(FaultTable):
 
     acts_on = "bus"
     unit = "frames/s"
+    grows_from = "0"
     words = (FailureWord("bus", "errors"),)
 
     kind: Literal["error_frames"]
@@ -88,7 +92,7 @@ class ErrorFrames(FaultTable):
             del counter
             return Frame(now_ns / NS_PER_S, 0, is_extended_id=False, is_error_frame=True, data=bytes(8), is_rx=False)
 
-        effects.sources["error_frames"] = _source(episode, self.value, frame)
+        _add_source(effects, "error_frames", episode, episode.grown(0.0, self.value), frame)
 
 
 class BusOff(FaultTable):
@@ -106,5 +110,14 @@ class BusOff(FaultTable):
         effects.is_bus_off = True
 
 
-def _source(episode: Episode, rate_per_s: float, frame: Callable[[int, int], Message]) -> Source:
-    return episode.memory(lambda: Source(round(NS_PER_S / rate_per_s), episode.begin_ns, frame))
+def _add_source(
+    effects: Effects, name: str, episode: Episode, rate_per_s: float, frame: Callable[[int, int], Message]
+) -> None:
+    """Add the sender of an episode, which keeps its place in time when its rate changes; none at a rate of 0."""
+    if rate_per_s <= 0.0:
+        return
+    period_ns = round(NS_PER_S / rate_per_s)
+    source = episode.memory(lambda: Source(period_ns, episode.begin_ns, frame))
+    if source.period_ns != period_ns:
+        source.set_period(period_ns)
+    effects.sources[name] = source

@@ -38,8 +38,8 @@ def value_of(table: type[FaultTable]) -> str:
 
 
 def as_markdown(kinds: dict[str, type[FaultTable]] = KINDS) -> str:
-    """The table of all kinds for the documentation: kind, what it acts on, target, value, commands, what happens."""
-    head = "| kind | acts on | target | value | command | what happens |\n|---|---|---|---|---|---|\n"
+    """The table of all kinds for the documentation, with the columns of its head."""
+    head = "| kind | acts on | target | value | grows from | command | what happens |\n|---|---|---|---|---|---|---|\n"
     return head + "".join(f"| {' | '.join(_cells(kind, table))} |\n" for kind, table in kinds.items())
 
 
@@ -54,4 +54,12 @@ def as_text(kinds: dict[str, type[FaultTable]] = KINDS) -> str:
 def _cells(kind: str, table: type[FaultTable]) -> tuple[str, ...]:
     commands = ", ".join(f"`{word.component} {word.word}`" for word in table.words)
     what = " ".join((table.__doc__ or "").split())
-    return f"`{kind}`", table.acts_on, targets_of(table), value_of(table) or "-", commands, what
+    return (
+        f"`{kind}`",
+        table.acts_on,
+        targets_of(table),
+        value_of(table) or "-",
+        table.grows_from or "-",
+        commands,
+        what,
+    )

@@ -5,18 +5,15 @@ Lists are in the order pump 1, 2 or tank 1, 2, 3, 4. A new `Effects` is a health
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Protocol, TypeVar
+from typing import Protocol
 
-import numpy as np
 from can import Message
 
 from firmware_sim.frames import ChannelStatus
 
 NS_PER_S = 1_000_000_000
-FAULT_STREAM = 3
 
 Reading = tuple[float, ChannelStatus]
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,10 +49,27 @@ class Source:
     next_ns: int
     frame: Callable[[int, int], Message]
 
+    def set_period(self, period_ns: int) -> None:
+        """Send the next frames at another period, counted from the last one."""
+        self.next_ns += period_ns - self.period_ns
+        self.period_ns = period_ns
+
     def skip_to(self, now_ns: int) -> None:
         """Skip the frames that were due before now."""
         if self.next_ns < now_ns:
             self.next_ns += -((self.next_ns - now_ns) // self.period_ns) * self.period_ns
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A quantity of the rig on its way from its own value to another one. share : of the way, 0 .. 1."""
+
+    value: float
+    share: float = 1.0
+
+    def of(self, own: float) -> float:
+        """The quantity now, from its value in a healthy rig."""
+        return self.value if self.share >= 1.0 else own + (self.value - own) * self.share
 
 
 @dataclass
@@ -89,7 +103,7 @@ class Effects:
     """Everything that is wrong now; a healthy rig by default.
 
     effectiveness : share of a pump's flow that is left. stuck_on_V : what a pump gets whatever its node puts out.
-    lag_s : a pump's new lag. valve_split : a pump's new gamma. is_dry : whether the pumps move air.
+    lag_s : the change of a pump's lag. valve_split : the change of a pump's gamma. is_dry : whether the pumps move air.
     leak : area of a hole as a share of the tank's outlet. blocked : share of the outlet that is shut.
     channels : level channels with faults, by index 0 .. 3. stages, delay_ns : what frames pass through, by identifier
     (stages in the order of their numbers). muted : identifiers that are blocked. is_bus_off : all are blocked.
@@ -99,8 +113,8 @@ class Effects:
 
     effectiveness: list[float] = field(default_factory=lambda: [1.0, 1.0])
     stuck_on_V: list[float | None] = field(default_factory=lambda: [None, None])
-    lag_s: list[float | None] = field(default_factory=lambda: [None, None])
-    valve_split: list[float | None] = field(default_factory=lambda: [None, None])
+    lag_s: list[Change | None] = field(default_factory=lambda: [None, None])
+    valve_split: list[Change | None] = field(default_factory=lambda: [None, None])
     is_dry: bool = False
     leak: list[float] = field(default_factory=lambda: [0.0] * 4)
     blocked: list[float] = field(default_factory=lambda: [0.0] * 4)
@@ -117,33 +131,3 @@ class Effects:
     def channel(self, tank: int) -> ChannelEffects:
         """Effects on the level channel of tank 1 .. 4, made when first asked for."""
         return self.channels.setdefault(tank - 1, ChannelEffects())
-
-
-class Episode:
-    """One fault's time from onset to end, with its own random stream and its own state."""
-
-    def __init__(self, seed: int, index: int, begin_ns: int, end_ns: int | None) -> None:
-        self.begin_ns = begin_ns
-        self.end_ns = end_ns
-        self._source = (seed, index)
-        self._random: np.random.Generator | None = None
-        self._memory: Any = None
-
-    @property
-    def random(self) -> np.random.Generator:
-        """The fault's own stream, fixed by the run's seed and the fault's number."""
-        if self._random is None:
-            seed, index = self._source
-            self._random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(FAULT_STREAM, index)))
-        return self._random
-
-    def memory(self, make: Callable[[], T]) -> T:
-        """The state that the fault made when it first applied."""
-        if self._memory is None:
-            self._memory = make()
-        kept: T = self._memory
-        return kept
-
-    def is_active(self, now_ns: int) -> bool:
-        """Whether the fault has begun and not ended."""
-        return self.begin_ns <= now_ns and (self.end_ns is None or now_ns < self.end_ns)

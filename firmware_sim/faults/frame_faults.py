@@ -11,7 +11,8 @@ import numpy as np
 from can import Message
 
 from firmware_sim.faults.base import FailureWord, FaultTable, Share, kind_of
-from firmware_sim.faults.effects import NS_PER_S, Effects, Episode, Stage
+from firmware_sim.faults.effects import NS_PER_S, Effects, Stage
+from firmware_sim.faults.episode import Episode
 from firmware_sim.frames import COUNTER_AT, FRAME_IDS, remade, sealed
 from firmware_sim.setting_types import named, whole, within
 
@@ -64,6 +65,7 @@ class FrameLoss(FrameFault):
     """Each frame is lost with probability `value`."""
 
     unit = "probability"
+    grows_from = "0"
     words = (FailureWord("frames", "off", 1.0), FailureWord("frames", "intermittent"))
 
     kind: Literal["frame_loss"]
@@ -72,7 +74,7 @@ class FrameLoss(FrameFault):
     def stage(self, can_id: int, episode: Episode) -> Stage:
         """Lose frames at random."""
         del can_id
-        return _Sieve(self.value, episode.random)
+        return _Sieve(lambda: episode.grown(0.0, self.value), episode.random)
 
 
 class FrameBurst(FrameFault):
@@ -94,6 +96,7 @@ class FrameDelay(FrameFault):
     """Every frame arrives `value` s later; the order is kept."""
 
     unit = "s"
+    grows_from = "0"
     words = (FailureWord("frames", "delayed"),)
 
     kind: Literal["frame_delay"]
@@ -101,8 +104,8 @@ class FrameDelay(FrameFault):
 
     def apply(self, effects: Effects, episode: Episode) -> None:
         """Set the delay of every target frame."""
-        del episode
-        effects.delay_ns |= dict.fromkeys(self.can_ids, round(self.value * NS_PER_S))
+        delay_s = episode.grown(0.0, self.value)
+        effects.delay_ns |= dict.fromkeys(self.can_ids, round(delay_s * NS_PER_S))
 
 
 class FrameDuplicate(FrameFault):
@@ -135,6 +138,7 @@ class FrameCorrupt(FrameFault):
     """With probability `value` one to three random bits of the payload flip; the CRC always detects that."""
 
     unit = "probability"
+    grows_from = "0"
     words = (FailureWord("frames", "garbage", 1.0),)
 
     kind: Literal["frame_corrupt"]
@@ -143,7 +147,7 @@ class FrameCorrupt(FrameFault):
     def stage(self, can_id: int, episode: Episode) -> Stage:
         """Flip bits at random."""
         del can_id
-        return _Flip(self.value, episode.random)
+        return _Flip(lambda: episode.grown(0.0, self.value), episode.random)
 
 
 class CounterStuck(FrameFault):
@@ -236,8 +240,8 @@ class _Each:
 
 
 class _Sieve(_Each):
-    def __init__(self, probability: float, random: np.random.Generator) -> None:
-        super().__init__(lambda frame: [] if random.random() < probability else [frame])
+    def __init__(self, probability: Callable[[], float], random: np.random.Generator) -> None:
+        super().__init__(lambda frame: [] if random.random() < probability() else [frame])
 
 
 class _Gap(_Each):
@@ -269,14 +273,14 @@ class _Swap(_Each):
 
 
 class _Flip(_Each):
-    def __init__(self, probability: float, random: np.random.Generator) -> None:
+    def __init__(self, probability: Callable[[], float], random: np.random.Generator) -> None:
         self._probability = probability
         self._random = random
         super().__init__(self._flip)
 
     def _flip(self, frame: Message) -> list[Message]:
         bits = 8 * len(frame.data)
-        if bits == 0 or self._random.random() >= self._probability:
+        if bits == 0 or self._random.random() >= self._probability():
             return [frame]
         data = bytearray(frame.data)
         count = int(self._random.integers(1, MAX_FLIPS + 1))

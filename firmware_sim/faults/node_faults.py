@@ -3,7 +3,8 @@
 from typing import Annotated, Literal
 
 from firmware_sim.faults.base import MAX_S, FailureWord, FaultTable
-from firmware_sim.faults.effects import NS_PER_S, Effects, Episode
+from firmware_sim.faults.effects import NS_PER_S, Effects
+from firmware_sim.faults.episode import Episode
 from firmware_sim.frames import (
     COMMAND_ID,
     LEVEL_HEARTBEAT_ID,
@@ -26,7 +27,7 @@ NodeName = Annotated[str, named("pump", "level")]
 class NodeReboot(FaultTable):
     """A node loses its state and boots, at 0 V, with the next BootCount.
 
-    With `until_s` it has no power, and sends nothing, until then.
+    With `until_s` it has no power, and sends nothing, until then; with `period_s` it loses its power in every period.
     """
 
     acts_on = "node"
@@ -37,8 +38,8 @@ class NodeReboot(FaultTable):
 
     def apply(self, effects: Effects, episode: Episode) -> None:
         """Take the node's power away and give it back."""
-        effects.reboots[self.target] = episode.begin_ns, episode.end_ns or episode.begin_ns
-        if episode.end_ns is not None:
+        effects.reboots[self.target] = episode.begin_ns, episode.gone_ns or episode.begin_ns
+        if episode.gone_ns is not None:
             effects.muted |= TRAFFIC[self.target]
 
 
@@ -77,6 +78,7 @@ class ClockJump(FaultTable):
 
     acts_on = "node"
     unit = "s"
+    grows_from = "0"
     words = (FailureWord("node", "clock"),)
 
     kind: Literal["clock_jump"]
@@ -85,5 +87,4 @@ class ClockJump(FaultTable):
 
     def apply(self, effects: Effects, episode: Episode) -> None:
         """Set the node's wall clock."""
-        del episode
-        effects.wall_ahead_ns[self.target] = round(self.value * NS_PER_S)
+        effects.wall_ahead_ns[self.target] = round(episode.grown(0.0, self.value) * NS_PER_S)

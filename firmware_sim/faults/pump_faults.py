@@ -3,7 +3,8 @@
 from typing import Annotated, Literal
 
 from firmware_sim.faults.base import FailureWord, FaultTable, PumpNumber, Share, Volt
-from firmware_sim.faults.effects import Effects, Episode
+from firmware_sim.faults.effects import Change, Effects
+from firmware_sim.faults.episode import Episode
 from firmware_sim.setting_types import one_of, within
 
 
@@ -12,6 +13,7 @@ class PumpEffectiveness(FaultTable):
 
     acts_on = "pump"
     unit = "share of the flow"
+    grows_from = "1"
     words = (FailureWord("pump", "wrong"),)
 
     kind: Literal["pump_effectiveness"]
@@ -20,8 +22,7 @@ class PumpEffectiveness(FaultTable):
 
     def apply(self, effects: Effects, episode: Episode) -> None:
         """Set the share of the target pump."""
-        del episode
-        effects.effectiveness[self.target - 1] = self.value
+        effects.effectiveness[self.target - 1] = episode.grown(1.0, self.value)
 
 
 class PumpDead(FaultTable):
@@ -64,6 +65,7 @@ class PumpLag(FaultTable):
 
     acts_on = "pump"
     unit = "s"
+    grows_from = "the pump's own lag"
     words = (FailureWord("pump", "slow"),)
 
     kind: Literal["pump_lag"]
@@ -72,8 +74,7 @@ class PumpLag(FaultTable):
 
     def apply(self, effects: Effects, episode: Episode) -> None:
         """Set the lag of the target pump."""
-        del episode
-        effects.lag_s[self.target - 1] = self.value
+        effects.lag_s[self.target - 1] = Change(self.value, episode.share)
 
 
 class ValveSplit(FaultTable):
@@ -81,6 +82,7 @@ class ValveSplit(FaultTable):
 
     acts_on = "valve of pump"
     unit = "share of the flow"
+    grows_from = "the valve's own share"
     words = (FailureWord("valve", "wrong"),)
 
     kind: Literal["valve_split"]
@@ -89,8 +91,7 @@ class ValveSplit(FaultTable):
 
     def apply(self, effects: Effects, episode: Episode) -> None:
         """Set gamma of the target pump."""
-        del episode
-        effects.valve_split[self.target - 1] = self.value
+        effects.valve_split[self.target - 1] = Change(self.value, episode.share)
 
 
 class ReservoirLow(FaultTable):

@@ -9,7 +9,8 @@ that begin at the same time, the later one in the list wins.
 from collections.abc import Callable
 
 from firmware_sim.faults.base import Fault
-from firmware_sim.faults.effects import NS_PER_S, Effects, Episode
+from firmware_sim.faults.effects import Effects
+from firmware_sim.faults.episode import Episode
 
 
 class FaultSchedule:
@@ -20,13 +21,13 @@ class FaultSchedule:
         self._seed = seed
         self._count = 0
         self._entries: list[tuple[Episode, Fault]] = []
-        self._changes_ns: list[int] = []
+        self._next_ns: int | None = None
         self.effects = Effects()
 
     @property
     def next_ns(self) -> int | None:
-        """When the next fault begins or ends, or None."""
-        return self._changes_ns[0] if self._changes_ns else None
+        """When a fault next begins, changes or ends, or None."""
+        return self._next_ns
 
     def start(self, now_ns: int) -> None:
         """Make now the moment t = 0 of the scenario."""
@@ -49,29 +50,25 @@ class FaultSchedule:
         return len(ended)
 
     def active(self, now_ns: int) -> tuple[Fault, ...]:
-        """The faults that are active now, in order of their onsets."""
-        return tuple(fault for episode, fault in self._entries if episode.is_active(now_ns))
+        """The faults that are there now, in order of their onsets."""
+        return tuple(fault for episode, fault in self._entries if episode.is_present(now_ns))
 
     def advance(self, now_ns: int) -> None:
         """Bring `effects` to the faults that are active now."""
         if not self._entries:
             return
-        while self._changes_ns and self._changes_ns[0] <= now_ns:
-            del self._changes_ns[0]
+        self._plan(now_ns)
         self.effects = Effects()
         for episode, fault in self._entries:
-            if episode.is_active(now_ns):
+            if episode.advance(now_ns):
                 fault.apply(self.effects, episode)
 
     def _add(self, fault: Fault, origin_ns: int) -> None:
-        until_s = fault.until_s
-        end_ns = None if until_s is None else origin_ns + round(until_s * NS_PER_S)
-        episode = Episode(self._seed, self._count, origin_ns + round(fault.at_s * NS_PER_S), end_ns)
+        episode = Episode(self._seed, self._count, origin_ns, fault)
         self._count += 1
         self._entries.append((episode, fault))
-        self._entries.sort(key=lambda entry: entry[0].begin_ns)
+        self._entries.sort(key=lambda entry: entry[0].onset_ns)
 
     def _plan(self, after_ns: int) -> None:
-        times_ns = {episode.begin_ns for episode, _ in self._entries}
-        times_ns |= {episode.end_ns for episode, _ in self._entries if episode.end_ns is not None}
-        self._changes_ns = sorted(time_ns for time_ns in times_ns if time_ns > after_ns)
+        times_ns = (episode.next_change_ns(after_ns) for episode, _ in self._entries)
+        self._next_ns = min((time_ns for time_ns in times_ns if time_ns is not None), default=None)

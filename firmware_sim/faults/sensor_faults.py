@@ -9,7 +9,8 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_sim.faults.base import FailureWord, FaultTable, TankNumber
-from firmware_sim.faults.effects import NS_PER_S, Codes, Effects, Episode, Reading
+from firmware_sim.faults.effects import NS_PER_S, Codes, Effects, Reading
+from firmware_sim.faults.episode import Episode
 from firmware_sim.frames import ChannelStatus
 from firmware_sim.setting_types import within
 
@@ -21,6 +22,7 @@ class SensorBias(FaultTable):
 
     acts_on = "sensor of tank"
     unit = "V"
+    grows_from = "0"
     words = (FailureWord("level", "wrong"),)
 
     kind: Literal["sensor_bias"]
@@ -29,15 +31,18 @@ class SensorBias(FaultTable):
 
     def apply(self, effects: Effects, episode: Episode) -> None:
         """Set the channel's bias."""
-        del episode
-        effects.channel(self.target).bias_V = self.value
+        effects.channel(self.target).bias_V = episode.grown(0.0, self.value)
 
 
 class SensorDrift(FaultTable):
-    """The signal drifts by `value` V/s from the onset on."""
+    """The signal drifts by `value` V/s from the onset on.
+
+    With `ramp_s` the rate grows from 0, and the error with the square of the time; without it the error grows evenly.
+    """
 
     acts_on = "sensor of tank"
     unit = "V/s"
+    grows_from = "0"
     words = (FailureWord("level", "drift"),)
 
     kind: Literal["sensor_drift"]
@@ -46,8 +51,8 @@ class SensorDrift(FaultTable):
 
     def apply(self, effects: Effects, episode: Episode) -> None:
         """Set the channel's drift."""
-        rate_V_s, begin_ns = self.value, episode.begin_ns
-        effects.channel(self.target).drift_V = lambda now_ns: rate_V_s * (now_ns - begin_ns) / NS_PER_S
+        rate_V_s = self.value
+        effects.channel(self.target).drift_V = lambda now_ns: rate_V_s * episode.grown_ns(now_ns) / NS_PER_S
 
 
 class SensorNoise(FaultTable):
@@ -55,6 +60,7 @@ class SensorNoise(FaultTable):
 
     acts_on = "sensor of tank"
     unit = "V rms"
+    grows_from = "0"
     words = (FailureWord("level", "noise"),)
 
     kind: Literal["sensor_noise"]
@@ -63,7 +69,7 @@ class SensorNoise(FaultTable):
 
     def apply(self, effects: Effects, episode: Episode) -> None:
         """Set the channel's added noise."""
-        rms_V, random = self.value, episode.random
+        rms_V, random = episode.grown(0.0, self.value), episode.random
         effects.channel(self.target).noise_V = lambda: rms_V * float(random.standard_normal())
 
 

@@ -3,7 +3,8 @@
 from typing import Annotated, Literal
 
 from firmware_sim.faults.base import FailureWord, FaultTable, Share, TankNumber
-from firmware_sim.faults.effects import Effects, Episode
+from firmware_sim.faults.effects import Effects
+from firmware_sim.faults.episode import Episode
 from firmware_sim.setting_types import within
 
 
@@ -15,6 +16,7 @@ class Leak(FaultTable):
 
     acts_on = "tank"
     unit = "share of the outlet's area"
+    grows_from = "0"
     words = (FailureWord("tank", "leak"),)
 
     kind: Literal["leak"]
@@ -23,8 +25,7 @@ class Leak(FaultTable):
 
     def apply(self, effects: Effects, episode: Episode) -> None:
         """Set the hole of the target tank."""
-        del episode
-        effects.leak[self.target - 1] = self.value
+        effects.leak[self.target - 1] = episode.grown(0.0, self.value)
 
 
 class OutletBlock(FaultTable):
@@ -32,6 +33,7 @@ class OutletBlock(FaultTable):
 
     acts_on = "tank"
     unit = "share of the outlet's area"
+    grows_from = "0"
     words = (FailureWord("tank", "blocked"),)
 
     kind: Literal["outlet_block"]
@@ -40,5 +42,4 @@ class OutletBlock(FaultTable):
 
     def apply(self, effects: Effects, episode: Episode) -> None:
         """Set the blocked share of the target tank."""
-        del episode
-        effects.blocked[self.target - 1] = self.value
+        effects.blocked[self.target - 1] = episode.grown(0.0, self.value)

@@ -56,5 +56,7 @@ def known_pump_faults(scenario: Scenario) -> tuple[PumpFault, ...]:
 def _pump_fault(fault: Fault) -> PumpFault | None:
     if fault.effectiveness is None:
         return None
-    until_s = float("inf") if fault.until_s is None else fault.until_s
-    return PumpFault(fault.at_s, int(fault.target), fault.effectiveness, until_s)
+    when = fault.course
+    return PumpFault(
+        when.at_s, int(fault.target), fault.effectiveness, when.until_s, when.ramp_s, when.period_s, when.duty
+    )

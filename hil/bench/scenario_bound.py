@@ -14,7 +14,7 @@ STEP_TOLERANCE = 1e-9
 
 
 def information_bound(bench: Bench, reading_s: float) -> float | None:
-    """Seconds that any detector needs for the scenario's faults; None unless they are jumps that begin together.
+    """Seconds that any detector needs for the scenario's faults; None unless they are lasting jumps of one onset.
 
     The pumps are taken to hold the reference that is in force when the fault begins. What is known between two control
     steps counts from the next one: no detector says anything before.
@@ -22,6 +22,8 @@ def information_bound(bench: Bench, reading_s: float) -> float | None:
     faults = bench.scenario.fault
     onsets = {fault.at_s for fault in faults}
     if bench.scenario.diagnosis.method != "glr" or len(onsets) != 1:
+        return None
+    if any(fault.ramp_s > 0.0 or fault.period_s is not None for fault in faults):
         return None
     from hil.core.diagnosis.glr.detection_bound import jumps_of_fault
 

@@ -49,6 +49,7 @@ class Cell:
     row: FaultRow | None = None
     target: Target | tuple[Target, ...] = 0
     value: float | None = None
+    ramp_s: float | None = None
 
 
 def expand(spec: Spec, scenarios: Sequence[ScenarioData], digest: str = "") -> tuple[Case, ...]:
@@ -86,24 +87,28 @@ def check_faults_are_played(case: Case, where: str) -> None:
 
 
 def fault_label(faults: Sequence[Mapping[str, Any]]) -> str:
-    """A class of faults by name: kinds, targets and values, faults of one kind and value taken together."""
-    targets: dict[tuple[str, Any], list[str]] = {}
+    """A class of faults by name: kinds, targets, values and ramps, faults that differ only in target taken together."""
+    targets: dict[tuple[str, Any, Any], list[str]] = {}
     for fault in faults:
-        targets.setdefault((str(fault["kind"]), fault.get("value")), []).append(str(fault.get("target", 0)))
-    return ", ".join(_class_name(kind, "+".join(hit), value) for (kind, value), hit in targets.items()) or HEALTHY
+        course = (str(fault["kind"]), fault.get("value"), fault.get("ramp_s"))
+        targets.setdefault(course, []).append(str(fault.get("target", 0)))
+    names = (_class_name(kind, "+".join(hit), value, ramp_s) for (kind, value, ramp_s), hit in targets.items())
+    return ", ".join(names) or HEALTHY
 
 
-def _class_name(kind: str, targets: str, value: float | None) -> str:
+def _class_name(kind: str, targets: str, value: float | None, ramp_s: float | None) -> str:
     name = kind if targets == "0" else f"{kind} {targets}"
-    return name if value is None else f"{name} = {value:g}"
+    size = "" if value is None else f" = {value:g}"
+    return f"{name}{size}{f' in {ramp_s:g} s' if ramp_s else ''}"
 
 
 def _cells(spec: Spec, scenario_data: ScenarioData) -> Iterator[Cell]:
     for row in spec.fault:
         for target in row.targets:
+            named = "+".join(map(str, target)) if isinstance(target, tuple) else str(target)
             for value in row.values or (None,):
-                named = "+".join(map(str, target)) if isinstance(target, tuple) else str(target)
-                yield Cell(_class_name(row.kind, named, value), row, target, value)
+                for ramp_s in row.ramps_s or (None,):
+                    yield Cell(_class_name(row.kind, named, value, ramp_s), row, target, value, ramp_s)
     if spec.pairs is not None:
         yield Cell(PAIRS)
     if not spec.fault and spec.pairs is None:
@@ -130,7 +135,8 @@ def _grid_faults(cell: Cell, random: Random) -> list[Fault]:
         return []
     targets = cell.target if isinstance(cell.target, tuple) else (cell.target,)
     at_s = round(random.uniform(*row.onset_s), ONSET_DIGITS)
-    return [_fault(row, target, cell.value, at_s, row.lasts_s) for target in targets]
+    ramp = {} if cell.ramp_s is None else {"ramp_s": cell.ramp_s}
+    return [{**_fault(row, target, cell.value, at_s, row.lasts_s), **ramp} for target in targets]
 
 
 def _pair_faults(spec: Spec, random: Random) -> list[Fault]:

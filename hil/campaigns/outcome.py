@@ -152,7 +152,8 @@ def _size_error(verdict: Judgement, faults: Sequence[Injected], seen: Observatio
         at = int(np.searchsorted(t_s, answer.isolated_s + after_s - 1e-6))
         if at >= len(t_s) or fault.until_s <= t_s[at]:
             continue
-        errors.append(abs(float(seen.column(f"e{fault.target}")[at]) - fault.value))
+        left = fault.course.size(float(t_s[at]), 1.0, fault.value)
+        errors.append(abs(float(seen.column(f"e{fault.target}")[at]) - left))
     is_all_pumps = all(fault.kind == PUMP_LOSS for fault in faults)
     return max(errors) if errors and is_all_pumps else None
 

@@ -48,14 +48,16 @@ class Timed(Section):
 
 
 class FaultRow(Timed):
-    """A row of the grid: every target with every value is a case. A target that is a list: all of them at once.
+    """A row of the grid: every target with every value and ramp is a case. A target that is a list: all at once.
 
+    ramps_s : times in which the fault grows to its value; without any it begins abruptly.
     also : further keys of the scenario's [[fault]].
     """
 
     kind: str
     targets: Annotated[tuple[Target | tuple[Target, ...], ...], Field(min_length=1)] = (0,)
     values: tuple[Finite, ...] = ()
+    ramps_s: tuple[NotNegative, ...] = ()
     also: dict[str, Any] = Field(default_factory=dict)
 
 

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from hil.core.fault_course import FaultCourse
 from hil.core.fault_kinds import FaultKind, fault_kind
 from hil.core.types import UNRESOLVED
 
@@ -45,13 +46,24 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Injected:
-    """A fault that the emulator played; fields as in a scenario's [[fault]]. until_s : inf for a permanent fault."""
+    """A fault that the emulator played; fields as in a scenario's [[fault]].
+
+    value : its full size. until_s : inf for a permanent fault. ramp_s, period_s, duty : see `FaultCourse`.
+    """
 
     kind: str
     target: Any
     value: float
     at_s: float
     until_s: float = math.inf
+    ramp_s: float = 0.0
+    period_s: float | None = None
+    duty: float = 1.0
+
+    @property
+    def course(self) -> FaultCourse:
+        """When it is there, and how it grows."""
+        return FaultCourse(self.at_s, self.until_s, self.ramp_s, self.period_s, self.duty)
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -123,6 +135,9 @@ def injected(faults: Iterable[Mapping[str, Any]]) -> tuple[Injected, ...]:
             float(fault.get("value") or 0.0),
             float(fault["at_s"]),
             math.inf if fault.get("until_s") is None else float(fault["until_s"]),
+            float(fault.get("ramp_s") or 0.0),
+            None if fault.get("period_s") is None else float(fault["period_s"]),
+            1.0 if fault.get("duty") is None else float(fault["duty"]),
         )
         for fault in faults
     ]

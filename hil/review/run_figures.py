@@ -17,6 +17,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from hil.review.alarms import Injected
 from hil.review.ticks import Floats, LoggedEvent, Ticks
 
 INK, GREY, RULE, PALE = "#22303c", "#7b8794", "#dfe4e8", "#c3d4e3"
@@ -53,14 +54,14 @@ _MAX_POINTS = 1500
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """A run as the figures need it. injected : pump -> injected faults, (time in s, effectiveness)."""
+    """A run as the figures need it. injected : pump -> its injected losses, by time."""
 
     name: str
     color: str
     ticks: Ticks
     outputs_V: Floats
     events: Sequence[LoggedEvent]
-    injected: dict[int, list[tuple[float, float]]]
+    injected: dict[int, tuple[Injected, ...]]
 
 
 def style() -> AbstractContextManager[None]:
@@ -89,10 +90,16 @@ def actuator_gains(trace: Trace) -> str:
     """Figure 2: the effectiveness of each pump, as diagnosed, over the injected one."""
     figure, (axes,) = panels(1)
     times_s = trace.ticks["t_s"]
-    for pump, changes in sorted(trace.injected.items()):
-        times = [float(times_s[0]), *(at_s for at_s, _ in changes), float(times_s[-1])]
-        shares = [1.0, *(share for _, share in changes), changes[-1][1]]
-        axes.step(times, shares, where="post", color=GREY, lw=3.2, alpha=0.45, label="injected" if pump == 1 else None)
+    for pump, faults in sorted(trace.injected.items()):
+        shares = np.array([_share_left(faults, t_s) for t_s in times_s.tolist()])
+        axes.step(
+            *thin(times_s, shares),
+            where="post",
+            color=GREY,
+            lw=3.2,
+            alpha=0.45,
+            label="injected" if pump == 1 else None,
+        )
     for pump, color, dashes in ((1, BLUE, ()), (2, ORANGE, (4, 2.5))):
         axes.plot(
             *thin(times_s, trace.ticks[f"theta{pump}"]), color=color, dashes=dashes, label=f"pump {pump}, diagnosed"
@@ -101,6 +108,12 @@ def actuator_gains(trace: Trace) -> str:
     _label(axes, "share of the gain [1]")
     _legend(axes)
     return svg(figure, "Actuator gains")
+
+
+def _share_left(faults: Sequence[Injected], t_s: float) -> float:
+    """Effectiveness that a pump's faults leave at t_s; of those that are there, the last one counts."""
+    there = [fault for fault in faults if fault.course.is_present(t_s)]
+    return there[-1].course.size(t_s, 1.0, there[-1].value) if there else 1.0
 
 
 def output(number: int, traces: Sequence[Trace]) -> str:

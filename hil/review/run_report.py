@@ -10,8 +10,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from hil.core.fault_kinds import FaultKind
 from hil.edge.record.run_folder import Manifest, RunFolder, write_atomically
 from hil.review import page, run_figures, table3
+from hil.review.alarms import Injected, injected
 from hil.review.kpi import Kpi, evaluate, level_gain, output_levels
 from hil.review.ticks import LoggedEvent, Ticks, read
 
@@ -220,18 +222,18 @@ def _trace(run: Run, name: str, color: str) -> run_figures.Trace:
     return run_figures.Trace(name, color, run.ticks, outputs_V, run.events, injected_pump_faults(plan.copies))
 
 
-def injected_pump_faults(copies: Any) -> dict[int, list[tuple[float, float]]]:
-    """The pump faults that the scenario's copy lists: pump -> (time in s, effectiveness), by time."""
-    faults: dict[int, list[tuple[float, float]]] = {}
+def injected_pump_faults(copies: Any) -> dict[int, tuple[Injected, ...]]:
+    """The lost gains that the scenario's copy lists: pump -> faults, by time."""
+    losses: list[Any] = []
     for text in copies.values():
         try:
             listed = tomllib.loads(text).get("fault", [])
         except tomllib.TOMLDecodeError:
             continue
-        for fault in listed if isinstance(listed, list) else []:
-            if fault.get("kind") == "pump_effectiveness":
-                faults.setdefault(int(fault["target"]), []).append((float(fault["at_s"]), float(fault["value"])))
-    return {pump: sorted(changes) for pump, changes in faults.items()}
+        kinds = (FaultKind.PUMP_EFFECTIVENESS, FaultKind.PUMP_DEAD)
+        losses += [fault for fault in listed if fault.get("kind") in kinds] if isinstance(listed, list) else []
+    faults = injected(losses)
+    return {pump: tuple(one for one in faults if one.target == pump) for pump in sorted({one.target for one in faults})}
 
 
 def _event_table(events: Sequence[LoggedEvent]) -> str:

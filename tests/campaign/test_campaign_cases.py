@@ -42,6 +42,22 @@ def test_every_seed_draws_its_own_onset_within_the_range(tmp_path: Path) -> None
     assert both.faults[0]["at_s"] == both.faults[1]["at_s"]
 
 
+def test_every_ramp_is_a_case_with_a_label_and_a_draw_of_its_own(tmp_path: Path) -> None:
+    cases = cases_of(
+        campaign_file(tmp_path, GRID.replace("values = [0.4, 0.8]", "values = [0.4]\nramps_s = [0.0, 2.5]"))
+    )
+    assert [case.label for case in cases[:6:3]] == [
+        "pump_effectiveness 1 = 0.4",
+        "pump_effectiveness 1 = 0.4 in 2.5 s",
+    ]
+    assert [case.faults[0]["ramp_s"] for case in cases[:6]] == [0.0] * 3 + [2.5] * 3
+    assert len({case.key for case in cases}) == len(cases)
+    own = GRID.split("[[fault]]")[0]
+    (tmp_path / "short.toml").write_text(SHORT.replace("value = 0.4", "value = 0.4\nramp_s = 3.0"))
+    (tmp_path / "own.toml").write_text(own)
+    assert cases_of(tmp_path / "own.toml")[0].label == "pump_effectiveness 1 = 0.4 in 3 s"
+
+
 def test_the_same_file_gives_the_same_cases_in_another_process(tmp_path: Path) -> None:
     file = campaign_file(tmp_path, GRID + PAIRS)
     code = (

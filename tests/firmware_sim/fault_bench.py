@@ -24,9 +24,10 @@ def fault(
     value: float | None = None,
     at_s: float = 1.0,
     until_s: float | None = None,
+    **more: float,
 ) -> Any:
-    """A fault of that kind, whose class is the kind's; what is None is left out."""
-    given = {"kind": kind, "target": target, "value": value, "at_s": at_s, "until_s": until_s}
+    """A fault of that kind, whose class is the kind's; what is None is left out. more : ramp_s, period_s, duty."""
+    given = {"kind": kind, "target": target, "value": value, "at_s": at_s, "until_s": until_s, **more}
     return KINDS[kind].model_validate({key: part for key, part in given.items() if part is not None})
 
 

@@ -34,7 +34,7 @@ def kinds() -> dict[str, type[FaultTable]]:
 def test_a_new_class_is_a_kind_a_command_and_a_row_of_the_table(kinds: dict[str, type[FaultTable]]) -> None:
     assert list(kinds) == [*KINDS, "worn"]
     assert components_for(kinds)["pump"].types.keys() >= {"worn", "off", "pump_dead"}
-    row = "| `worn` | pump | 1, 2 | 0 .. 2.5 1/h | `pump worn` | A pump loses `value` of its flow per hour. |\n"
+    row = "| `worn` | pump | 1, 2 | 0 .. 2.5 1/h | - | `pump worn` | A pump loses `value` of its flow per hour. |\n"
     assert as_markdown(kinds) == as_markdown() + row
     assert as_text(kinds).splitlines()[-1].split() == ["worn", "pump", "1,", "2;", "0", "..", "2.5", "1/h"]
 
@@ -46,6 +46,7 @@ def test_every_kind_says_what_it_acts_on_its_unit_and_how_to_command_it(kind: st
     assert (table.unit != "") == ("value" in table.model_fields)
     assert value_of(table).endswith((table.unit, ", or none"))
     assert f"| `{kind}` | {table.acts_on} | " in as_markdown()
+    assert not table.grows_from or "value" in table.model_fields
 
 
 def test_no_two_kinds_share_a_word_of_a_component() -> None:

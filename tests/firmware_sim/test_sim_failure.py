@@ -113,6 +113,30 @@ def test_a_command_may_say_how_long() -> None:
     assert done("failure pump off -i 1 -t 2.5")[1].faults[0].until_s == 2.5
 
 
+def test_a_command_may_let_a_fault_grow_and_come_and_go() -> None:
+    (leak,) = done("failure tank leak -i 1 -v 0.4 -r 50 -p 10 -d 0.25")[1].faults
+    assert (leak.ramp_s, leak.period_s, leak.duty, leak.until_s) == (50.0, 10.0, 0.25, None)
+    rig = rig_with()
+    drive(rig, 1.0)
+    assert execute("failure pump wrong -i 1 -v 0.2 -r 10", rig, rig.now_ns) == "ok pump_effectiveness 1"
+    seen = []
+    for until_s in (1.0, 6.0, 11.0, 20.0):
+        drive(rig, until_s)
+        seen.append(rig.truth().effectiveness[0])
+    assert seen == pytest.approx([1.0, 0.6, 0.2, 0.2])
+
+
+def test_ok_also_ends_an_intermittent_fault_that_is_away() -> None:
+    rig = rig_with()
+    drive(rig, 1.0)
+    execute("failure pump off -i 1 -p 10 -d 0.1", rig, rig.now_ns)
+    drive(rig, 5.0)
+    assert rig.truth().faults == ()
+    assert execute("failure pump ok", rig, rig.now_ns) == "ok pump: 1 ended"
+    drive(rig, 11.5)
+    assert rig.truth().faults == ()
+
+
 @pytest.mark.parametrize(
     ("line", "kinds", "targets"),
     [
@@ -165,6 +189,15 @@ REFUSALS = [
     ("failure pump off -t -1", "-t -1: is outside 0 .. 1e+07"),
     ("failure pump ok -v 1", "pump ok takes neither -v nor -t"),
     ("failure pump ok -t 1", "pump ok takes neither -v nor -t"),
+    ("failure pump ok -r 1", "pump ok takes neither -v nor -t, -r"),
+    ("failure pump wrong -i 1 -v 0.4 -r -1", "-r -1: is outside 0 .. 1e+07"),
+    ("failure pump stuck -i 1 -v 4 -r 5", "-r 5: must be 0: pump_stuck_on has no size that grows"),
+    ("failure pump off -i 1 -r 5", "-r 5: must be 0: pump_dead has no size that grows"),
+    ("failure pump off -i 1 -p 5", "-d: must be given with -p"),
+    ("failure pump off -i 1 -d 0.5", "-d 0.5: needs -p, too"),
+    ("failure pump off -i 1 -p 5 -d 1", "-d 1: is outside 0.001 .. 0.999"),
+    ("failure pump off -i 1 -p 0 -d 0.5", "-p 0: is outside 0.01 .. 1e+07"),
+    ("failure pump off -i 1 -r 1 -r 2", "-r is given twice"),
     ("failure pump ok -i 3", "-i 3: pump has instances 1 .. 2"),
 ]
 

@@ -43,7 +43,10 @@ def any_fault(draw: st.DrawFn, kinds: tuple[str, ...] = tuple(PARTS)) -> Any:
         value = draw(numbers(*limits))
     at_s = draw(st.floats(0.0, 3.0))
     until_s = draw(st.none() | st.floats(at_s + 0.001, 5.0))
-    return fault(kind, draw(st.sampled_from(targets)), value, at_s, until_s)
+    more = {"ramp_s": draw(st.floats(0.0, 4.0))} if KINDS[kind].grows_from and draw(st.booleans()) else {}
+    if draw(st.booleans()):
+        more |= {"period_s": draw(st.floats(0.05, 2.0)), "duty": draw(st.floats(0.001, 0.999))}
+    return fault(kind, draw(st.sampled_from(targets)), value, at_s, until_s, **more)
 
 
 def faults_of_every_kind(seed: int) -> tuple[Any, ...]:
@@ -54,7 +57,9 @@ def faults_of_every_kind(seed: int) -> tuple[Any, ...]:
         at_s = chance.uniform(0.0, 2.0)
         value = None if limits is None else chance.uniform(*limits) if isinstance(limits[0], float) else limits[1]
         until_s = at_s + (0.05 if kind in ("bus_off", "babble", "node_silent") else chance.uniform(0.1, 1.0))
-        made.append(fault(kind, chance.choice(targets), value, at_s, until_s))
+        more = {"ramp_s": chance.uniform(0.0, 1.5)} if KINDS[kind].grows_from else {}
+        more |= {"period_s": chance.uniform(0.05, 0.5), "duty": 0.6} if chance.random() < 0.3 else {}
+        made.append(fault(kind, chance.choice(targets), value, at_s, until_s, **more))
     return tuple(made)
 
 

@@ -10,10 +10,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from hil.core.estimator import Estimate
+from hil.core.fault_course import FaultCourse
 from hil.core.types import Alarm, Diagnosis, Measurement, Pair
 
 TIME_TOLERANCE_S = 1e-6
 """Rounding: a fault at a step's own time counts for that step."""
+
+UPDATE_CHANGE = 0.01
+"""Change of a growing fault's effectiveness after which its alarm is updated."""
 
 
 class NoDetector:
@@ -37,19 +41,31 @@ class NoDetector:
 
 @dataclass(frozen=True, slots=True)
 class PumpFault:
-    """From at_s of the run until until_s, pump `target` (1 or 2) moves only `effectiveness` of its flow."""
+    """From at_s of the run until until_s, pump `target` (1 or 2) moves only `effectiveness` of its flow.
+
+    ramp_s, period_s, duty : of a growing or intermittent loss, see `FaultCourse`.
+    """
 
     at_s: float
     target: int
     effectiveness: float
     until_s: float = float("inf")
+    ramp_s: float = 0.0
+    period_s: float | None = None
+    duty: float = 1.0
+
+    @property
+    def course(self) -> FaultCourse:
+        """When it is there, and how it grows."""
+        return FaultCourse(self.at_s, self.until_s, self.ramp_s, self.period_s, self.duty)
 
 
 @dataclass(frozen=True)
 class IdealDetector:
     """Knows the faults to come and reports each, exactly, delay_s after it has happened (or has gone).
 
-    Of two faults of one pump the one that began later holds; when it ends, the earlier one holds again.
+    Of two faults of one pump the one that began later holds; when it ends or pauses, the earlier one holds again. The
+    diagnosed effectiveness follows a growing fault at every step, its alarm in steps of `UPDATE_CHANGE`.
     """
 
     faults: tuple[PumpFault, ...]
@@ -59,7 +75,7 @@ class IdealDetector:
         object.__setattr__(self, "faults", tuple(sorted(self.faults, key=lambda fault: fault.at_s)))
 
     def start(self) -> Any:
-        """The effectiveness reported last."""
+        """The effectiveness that the last alarm of each pump gave."""
         return (1.0, 1.0)
 
     def step(
@@ -70,13 +86,19 @@ class IdealDetector:
         estimate: Estimate,
         applied_V: Pair,
     ) -> tuple[Any, Diagnosis]:
-        """The faults that were present delay_s ago; an alarm for every pump whose effectiveness has changed."""
+        """The faults as they were delay_s ago; an alarm for every pump whose effectiveness has changed."""
         then = t_s - self.delay_s + TIME_TOLERANCE_S
-        reported = [1.0, 1.0]
+        known, is_growing = [1.0, 1.0], [False, False]
         for fault in self.faults:
-            if fault.at_s <= then < fault.until_s:
-                reported[fault.target - 1] = fault.effectiveness
-        effectiveness = (reported[0], reported[1])
+            course = fault.course
+            if course.is_present(then):
+                known[fault.target - 1] = course.size(then, 1.0, fault.effectiveness)
+                is_growing[fault.target - 1] = then < fault.at_s + fault.ramp_s
+        effectiveness = (known[0], known[1])
+        has_changed = [
+            abs(now - before) >= UPDATE_CHANGE if grows else now != before
+            for now, before, grows in zip(effectiveness, memory, is_growing, strict=True)
+        ]
         alarms = tuple(
             Alarm(
                 detected_s=t_s,
@@ -91,6 +113,9 @@ class IdealDetector:
                 is_recovery=effectiveness[pump] == 1.0,
             )
             for pump in (0, 1)
-            if effectiveness[pump] != memory[pump]
+            if has_changed[pump]
         )
-        return effectiveness, Diagnosis(effectiveness=effectiveness, new_alarms=alarms)
+        told = tuple(
+            now if new else before for now, before, new in zip(effectiveness, memory, has_changed, strict=True)
+        )
+        return told, Diagnosis(effectiveness=effectiveness, new_alarms=alarms)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
+from hil.core.fault_course import FaultCourse
 from hil.core.fault_kinds import FaultKind
 from hil.edge.config.settings_file import (
     MAX_DURATION_S,
@@ -51,7 +53,7 @@ BypassableName = Literal["echo_mismatch", "error_storm", "dry_run", "pump_dead",
 class Fault(Section):
     """A fault that the emulator plays. The detector `ideal` knows those that reduce a pump's gain.
 
-    The emulator checks target and value of all other kinds.
+    The emulator checks target and value of all other kinds, and whether a kind can grow.
     """
 
     at_s: NotNegative
@@ -59,6 +61,15 @@ class Fault(Section):
     target: Annotated[Any, Field(validate_default=True)] = None
     value: Annotated[Finite | None, Field(validate_default=True)] = None
     until_s: Positive | None = None
+    ramp_s: NotNegative = 0.0
+    period_s: Positive | None = None
+    duty: Annotated[float, Field(gt=0.0, lt=1.0, allow_inf_nan=False)] | None = None
+
+    @property
+    def course(self) -> FaultCourse:
+        """When it is there, and how it grows."""
+        until_s = math.inf if self.until_s is None else self.until_s
+        return FaultCourse(self.at_s, until_s, self.ramp_s, self.period_s, 1.0 if self.duty is None else self.duty)
 
     @property
     def effectiveness(self) -> float | None:
@@ -96,6 +107,8 @@ class Fault(Section):
     def _ends_after_it_began(self) -> Self:
         if self.until_s is not None and self.until_s <= self.at_s:
             raise ValueError(f"until_s {self.until_s:g} is not after at_s {self.at_s:g}")
+        if (self.period_s is None) != (self.duty is None):
+            raise ValueError("has one of period_s and duty: an intermittent fault needs both")
         return self
 
 
