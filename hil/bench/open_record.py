@@ -72,5 +72,6 @@ def open_record(folder: RunFolder, timeline: TimelineSettings | None, with_lines
             compact_at_close=is_live,
         )
     except Exception as error:  # whatever the viewer's library raises for a file that it can't write
-        raise RunFolderError(f"{folder.rrd_path} can't be written: {error}") from error
+        cause = (isinstance(error, OSError) and error.strerror) or error
+        raise RunFolderError(f"{folder.rrd_path} can't be written: {cause}") from error
     return Recorder.open(folder, timeline=log, on_event=on_event)

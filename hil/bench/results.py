@@ -10,6 +10,7 @@ from typing import Any
 
 from hil.campaigns.row import Row
 from hil.campaigns.statistics import FaultClass, fault_classes
+from hil.core.counted import counted
 from hil.edge.record.run_folder import Manifest, RunFolder
 from hil.review.alarms import Finding
 from hil.review.kpi import Kpi
@@ -87,9 +88,10 @@ class RunResult:
             f"{name} not reached" if isnan(first) else f"{name} {first:.3f}, {second:.3f} V s"
             for name, (first, second) in self.iae_Vs.items()
         )
+        steps, alarms = counted(len(self.series["t_s"]), "step"), counted(len(self.alarms), "alarm")
         return (
-            f"<RunResult {self.kpi.scenario}: {self.status} ({self.reason}), {len(self.series['t_s'])} steps, "
-            f"{len(self.alarms)} alarms, IAE: {iae or 'no windows'}; {where}>"
+            f"<RunResult {self.kpi.scenario}: {self.status} ({self.reason}), {steps}, {alarms}, "
+            f"IAE: {iae or 'no windows'}; {where}>"
         )
 
 
@@ -129,4 +131,4 @@ class CampaignResult:
         return tuple(fault_classes(self.rows))
 
     def __repr__(self) -> str:
-        return f"<CampaignResult {self.name}: {len(self.rows)} runs, {len(self.broken)} broken>"
+        return f"<CampaignResult {self.name}: {counted(len(self.rows), 'run')}, {len(self.broken)} broken>"

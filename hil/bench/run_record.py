@@ -15,12 +15,12 @@ docs/decisions/0020-end-of-a-run.md.
 
 from __future__ import annotations
 
-import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
+from hil.core.counted import counted
 from hil.core.types import Event, Severity
 from hil.edge.can.bus import BusPort
 from hil.edge.host.clock import StopSignal
@@ -38,7 +38,7 @@ def removed_if_not_opened(folder: RunFolder) -> Iterator[None]:
     try:
         yield
     except BaseException:
-        shutil.rmtree(folder.path, ignore_errors=True)
+        folder.remove()
         raise
 
 
@@ -108,7 +108,7 @@ def check_complete(folder: RunFolder, figures: Kpi) -> None:
     errors = list(figures.recorder.get("errors", ()))
     dropped = figures.recorder.get("dropped", 0)
     if dropped:
-        errors.append(f"{dropped} entries were dropped, the recorder could not keep up")
+        errors.append(f"{counted(dropped, 'entry', 'entries')} dropped, the recorder could not keep up")
     if errors:
         raise incomplete(folder, figures.status, figures.reason, errors)
 

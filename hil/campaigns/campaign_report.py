@@ -10,6 +10,7 @@ from hil.campaigns.figure_text import not_played_text, rate_text, spread_text
 from hil.campaigns.row import INVARIANTS, Row
 from hil.campaigns.statistics import FaultClass
 from hil.campaigns.store import Store
+from hil.core.counted import counted
 from hil.edge.record.run_folder import write_atomically
 from hil.review import page
 from hil.review.run_figures import style
@@ -84,11 +85,15 @@ def _cards(rows: Sequence[Row]) -> str:
 def _invariants(rows: Sequence[Row]) -> str:
     guilty = statistics.broken(rows)
     lines = [
-        [WORDS[name], "holds" if not guilty[name] else f"broken in {len(guilty[name])} runs", _seeds(guilty[name])]
+        [
+            WORDS[name],
+            "holds" if not guilty[name] else f"broken in {counted(len(guilty[name]), 'run')}",
+            _seeds(guilty[name]),
+        ]
         for name in INVARIANTS
     ]
     classes = ["ERROR" if guilty[name] else "" for name in INVARIANTS]
-    heads = ["invariant", f"in {len(rows)} runs", "seeds"]
+    heads = ["invariant", f"in {counted(len(rows), 'run')}", "seeds"]
     worst = [[row.key, row.label, str(row.seed), row.broken] for row in rows if row.breaks][:MAX_ROWS]
     details = page.table(["case", "fault", "seed", "what"], worst) if worst else ""
     highest = max((row.level_max_cm for row in rows if row.level_max_cm is not None), default=None)

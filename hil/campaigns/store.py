@@ -19,6 +19,7 @@ from typing import Any, get_type_hints
 from hil.campaigns.cases import Case
 from hil.campaigns.row import Row
 from hil.campaigns.toml_text import toml_text
+from hil.edge.record.new_folder import NewFolder
 from hil.edge.record.run_folder import IncompleteRecordError, RunFolderError, write_atomically, writing
 
 ARROW_TYPES = {str: "string", int: "int64", float: "float64", bool: "bool_"}
@@ -37,6 +38,7 @@ class Store:
         about : what campaign.json keeps, its `name` among it. Raises RunFolderError.
         """
         store = cls(path)
+        made: NewFolder | None = None
         try:
             if store.manifest_path.is_file():
                 name = json.loads(store.manifest_path.read_text(encoding="utf-8")).get("name")
@@ -44,12 +46,15 @@ class Store:
                     raise RunFolderError(f"{path} belongs to the campaign {name!r}, this is {about['name']!r}")
             elif path.exists() and any(path.iterdir()):
                 raise RunFolderError(f"{path} exists and is no campaign's folder; name a new one")
-            path.mkdir(parents=True, exist_ok=True)
+            if not path.exists():
+                made = NewFolder.make(path)
             write_atomically(store.manifest_path, json.dumps(dict(about), indent=2, ensure_ascii=False) + "\n")
         except (OSError, ValueError, AttributeError) as error:
             reason = error.strerror if isinstance(error, OSError) else error
             raise RunFolderError(f"{path} can't be a campaign's folder: {reason}") from None
         except IncompleteRecordError as error:
+            if made is not None:
+                made.remove()
             raise RunFolderError(str(error)) from None  # no run has been started
         return store
 

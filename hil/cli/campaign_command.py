@@ -12,6 +12,7 @@ from hil.bench.campaign_run import CampaignOptions, PreparedCampaign
 from hil.campaigns.row import Row
 from hil.campaigns.store import Store
 from hil.cli import campaign_tables, exit_codes
+from hil.core.counted import counted
 
 
 def run(console: Console, campaign: str | Path, options: CampaignOptions) -> int:
@@ -20,7 +21,7 @@ def run(console: Console, campaign: str | Path, options: CampaignOptions) -> int
     store = campaign_run.open_store(prepared, options.out)
     done = len(prepared.cases) - len(_missing(prepared, store))
     if done:
-        console.print(f"{done} of {len(prepared.cases)} runs are there already.", highlight=False)
+        console.print(f"Already there: {done} of {counted(len(prepared.cases), 'run')}.", highlight=False)
     if done < len(prepared.cases) and not campaign_pool.has_dask():
         console.print(f"One process; for all cores: {campaign_pool.INSTALL}", highlight=False, markup=False)
     rows = _run_missing(console, prepared, store)

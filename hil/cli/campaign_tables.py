@@ -11,6 +11,7 @@ from hil.campaigns import statistics
 from hil.campaigns.figure_text import not_played_text, rate_text, spread_text
 from hil.campaigns.row import Row
 from hil.campaigns.statistics import FaultClass
+from hil.core.counted import counted
 
 MAX_NAMED = 5
 MIN_WIDTH = 120
@@ -34,13 +35,15 @@ def show(console: Console, rows: Sequence[Row]) -> None:
         if guilty:
             named = ", ".join(f"{row.key} (seed {row.seed}: {row.broken})" for row in guilty[:MAX_NAMED])
             more = f" and {len(guilty) - MAX_NAMED} more" if len(guilty) > MAX_NAMED else ""
-            console.print(f"[bold red]{name}[/]: {len(guilty)} runs: {named}{more}", highlight=False, soft_wrap=True)
+            console.print(
+                f"[bold red]{name}[/]: {counted(len(guilty), 'run')}: {named}{more}", highlight=False, soft_wrap=True
+            )
     if not any(row.breaks for row in rows):
-        console.print(f"All invariants hold in {len(rows)} runs.", highlight=False)
+        console.print(f"All invariants hold in {counted(len(rows), 'run')}.", highlight=False)
     steps = sum(row.steps for row in rows)
     if steps:
         cpu_us = 1e6 * sum(row.cpu_s for row in rows) / steps
-        console.print(f"{steps} control steps, {cpu_us:.0f} µs of processor time each.", highlight=False)
+        console.print(f"{counted(steps, 'control step')}, {cpu_us:.0f} µs of processor time each.", highlight=False)
 
 
 def _show_as_lines(console: Console, classes: Sequence[FaultClass]) -> None:
@@ -50,7 +53,7 @@ def _show_as_lines(console: Console, classes: Sequence[FaultClass]) -> None:
         bound = "" if one.bound_s is None else f", bound {one.bound_s:.2g} s"
         lines = (
             one.label,
-            f"  {one.runs} runs, found {one.detected:.1%}, right {one.right:.1%}",
+            f"  {counted(one.runs, 'run')}, found {one.detected:.1%}, right {one.right:.1%}",
             f"  found after {spread_text(one.detection, 2)} s{bound}",
             f"  isolated after {spread_text(one.isolation, 2)} s",
             f"  size error 5 s later {spread_text(one.size_error_5s, 2)}",

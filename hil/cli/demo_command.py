@@ -6,7 +6,7 @@ import json
 import multiprocessing
 import os
 from collections.abc import Mapping
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import FIRST_EXCEPTION, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -23,6 +23,7 @@ from hil.cli import demo_tables
 from hil.cli.demo_tables import GLR_DETECTOR, IDEAL_DETECTOR, NO_RECONFIGURATION, Figures
 from hil.edge.config.scenario_file import Scenario
 from hil.edge.config.settings_file import default_config_dir, merged, read_toml, validated
+from hil.edge.record.new_folder import NewFolder
 from hil.edge.record.run_folder import RunFolder, RunFolderError
 from hil.review.kpi import Kpi
 from hil.review.run_report import write_report
@@ -67,10 +68,14 @@ def run(console: Console, out: Path, config_dir: Path | None) -> None:
     for path in {job.scenario_path for job in jobs.values()}:
         assembly.load(path, config)  # bad input is one line here, not a traceback of a worker
     try:
-        folder.mkdir(parents=True)
+        made = NewFolder.make(folder)
     except OSError as error:
         raise RunFolderError(f"cannot make {folder}: {error.strerror}") from None
-    figures = _run_all(console, jobs)
+    try:
+        figures = _run_all(console, jobs)
+    except RunFolderError:
+        made.remove_if_empty()
+        raise
     for line in demo_tables.both(figures, RIGS):
         console.print(line, highlight=False)
     glr, without = (RunFolder.open(folder / name) for name in RECORDED)
@@ -130,4 +135,6 @@ def _run_all(console: Console, jobs: dict[str, Job]) -> dict[str, Figures]:
         futures: dict[str, Future[Figures]] = {name: pool.submit(_work, job) for name, job in jobs.items()}
         for future in futures.values():
             future.add_done_callback(lambda _: bar.advance(task))
-        return {name: future.result() for name, future in futures.items()}
+        wait(futures.values(), return_when=FIRST_EXCEPTION)
+        pool.shutdown(wait=False, cancel_futures=True)  # after an error nobody waits for the rest
+        return {name: future.result() for name, future in futures.items() if not future.cancelled()}

@@ -1,7 +1,9 @@
 """Exit codes of `hil`. They are documented in its help and in docs/how-to/operating.md; scripts rely on them.
 
-    0    done                          3  tripped; campaign: an invariant was broken
-    2    bad input, nothing moved      4  not ready, or failed
+    0    done
+    2    bad input, or a record that can't be begun; nothing moved
+    3    tripped; campaign: an invariant was broken
+    4    not ready, or failed
     5    done, but a file of the record or standard output can't be written completely; the line says which
     129, 130, 143  stopped by SIGHUP, SIGINT, SIGTERM
 

@@ -17,6 +17,7 @@ from rich.table import Table
 from hil.bench.assembly import Bench
 from hil.bench.run_record import check_complete
 from hil.core.controller import Output
+from hil.core.counted import counted
 from hil.core.types import Inputs, Mode
 from hil.edge.record.run_folder import RunFolder
 from hil.review.kpi import Kpi
@@ -141,8 +142,8 @@ def finish(console: Console, folder: Path, figures: Kpi, *, with_report: bool) -
         console.print(table)
     speed = "" if figures.speed_x is None else f", {figures.speed_x:.0f} times real time"
     console.print(
-        f"{figures.ticks} steps, {figures.skipped} skipped, {len(figures.alarms)} alarms, "
-        f"{len(figures.trips)} trips{speed}",
+        f"{counted(figures.ticks, 'step')}, {figures.skipped} skipped, {counted(len(figures.alarms), 'alarm')}, "
+        f"{counted(len(figures.trips), 'trip')}{speed}",
         highlight=False,
     )
     files = [path for path in (run.report_path, run.rrd_path) if path.exists()]

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 from hil.conformance import boot_tests, command_tests, trip_tests, voltage_tests
 from hil.conformance.dialogue import ConformanceTest, Dialogue
+from hil.core.counted import counted
 from hil.core.types import NodeState, Pair
 from hil.doctor import check_watchdog
 from hil.doctor.check_frames import check_integrity, check_period
@@ -197,7 +198,7 @@ def _boots(seen: Observation, node: str) -> Result:
         return failed(name, "no heartbeat", SEE)
     if len(set(counts)) > 1:
         return failed(name, f"boot count went from {counts[0]} to {counts[-1]}", SEE)
-    return passed(name, f"boot count {counts[0]} in {len(counts)} heartbeats")
+    return passed(name, f"boot count {counts[0]} in {counted(len(counts), 'heartbeat')}")
 
 
 def _levels(observed: Observation, range_V: Pair) -> list[Result]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from hil.conformance.dialogue import CommandFrame, Dialogue, differences
+from hil.core.counted import counted
 from hil.core.types import NodeState, Pair
 from hil.doctor.check_watchdog import TOLERANCE_S, TRIPPED_BY_WATCHDOG, WATCHDOG_S
 from hil.probe.bus_probe import OFF_V
@@ -40,7 +41,8 @@ def refuses_while_running(node: Dialogue) -> str:
     reply = node.send(*frames)
     node.probe.command()
     if reply.accepted != 1 or max(abs(reply.highest_V - LOW_V[0]), abs(reply.applied_V[0] - LOW_V[0])) > TOLERANCE_V:
-        return f"{reply.accepted} frames accepted instead of 1, up to {reply.highest_V:.4g} V applied instead of 0.5 V"
+        accepted = counted(reply.accepted, "frame")
+        return f"{accepted} accepted instead of 1, up to {reply.highest_V:.4g} V applied instead of 0.5 V"
     return ""
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hil.core.counted import counted
 from hil.probe.bus_probe import STATUS_WAIT_S, Probe
 from hil.probe.observation import STATUS
 from hil.probe.result import Result, failed, passed, warned
@@ -54,10 +55,12 @@ def check_echo(echoes: Echoes, cycle_s: float, age_max_s: float) -> Result:
     sent = len(echoes.latency_s) + echoes.missing
     if not echoes.latency_s:
         return failed(
-            check, f"none of {sent} commands echoed", "the node receives no commands: check cable and bit rate"
+            check,
+            f"none of {counted(sent, 'command')} echoed",
+            "the node receives no commands: check cable and bit rate",
         )
     p50_s, p99_s = np.quantile(echoes.latency_s, (0.5, 0.99))
-    found = f"p50 {p50_s * 1e3:.1f} ms, p99 {p99_s * 1e3:.1f} ms of {sent} commands"
+    found = f"p50 {p50_s * 1e3:.1f} ms, p99 {p99_s * 1e3:.1f} ms of {counted(sent, 'command')}"
     if echoes.uncounted:
         found += f"; {echoes.uncounted} not counted"
         advice = "commands are lost, or the node's Accepted is wrong: run hil conformance"

@@ -7,6 +7,7 @@ from itertools import pairwise
 from math import sqrt
 from statistics import median
 
+from hil.core.counted import counted
 from hil.probe.observation import COMMAND, Observation
 from hil.probe.result import Result, failed, passed, warned
 from hil.wire.frame_check import Rejection
@@ -45,7 +46,7 @@ def check_period(observation: Observation, name: str, fail_above: float = PERIOD
     gaps_s = [(b.t_ns - a.t_ns) * 1e-9 for a, b in pairwise(arrivals) if b.lost == 0]
     if len(arrivals) < MIN_FRAMES or not gaps_s:
         refused = observation.refused(name).total()
-        found = f"{len(arrivals)} frames in {observation.duration_s:.1f} s" + (
+        found = f"{counted(len(arrivals), 'frame')} in {observation.duration_s:.1f} s" + (
             f", {refused} refused" if refused else ""
         )
         return failed(check, found, f"is the node switched on and connected to this bus? If so, {WIRING}")
@@ -79,9 +80,9 @@ def check_integrity(observation: Observation, name: str) -> Result:
         parts.append(f"{count} refused: {why}{detail}")
     share = (lost + refused.total()) / total
     found = (
-        f"{total} frames, none lost or refused"
+        f"{counted(total, 'frame')}, none lost or refused"
         if not parts
-        else f"of {total} frames of {spec.frame_id:#05x} {', '.join(parts)} ({share:.1%})"
+        else f"of {counted(total, 'frame')} of {spec.frame_id:#05x} {', '.join(parts)} ({share:.1%})"
     )
     if not parts:
         return passed(check, found)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from itertools import pairwise
 from math import sqrt
 
+from hil.core.counted import counted
 from hil.core.types import Pair
 from hil.probe.observation import LEVEL_FRAMES, Observation
 from hil.probe.result import Result, failed, not_checked, passed, warned
@@ -50,10 +51,10 @@ def check_range(tank: int, readings_V: list[float], statuses: list[int], range_V
     mean_V = sum(readings_V) / len(readings_V)
     if invalid:
         what = STATUS_NAMES.get(invalid[-1], f"status {invalid[-1]}")
-        found = f"{what} in {len(invalid)} of {len(readings_V)} readings, mean {mean_V:.3f} V"
+        found = f"{what} in {len(invalid)} of {counted(len(readings_V), 'reading')}, mean {mean_V:.3f} V"
         return failed(check, found, "check the sensor's wires and supply: open or short")
     if outside:
-        found = f"{outside} of {len(readings_V)} readings outside {low_V:g}..{high_V:g} V"
+        found = f"{outside} of {counted(len(readings_V), 'reading')} outside {low_V:g}..{high_V:g} V"
         return failed(check, found, "check the sensor, or sensors.range_V in rig.toml")
     return passed(check, f"{mean_V:.3f} V, {min(readings_V):.3f} to {max(readings_V):.3f} V")
 
@@ -62,7 +63,7 @@ def check_noise(tank: int, readings_V: list[float], noise_V: float) -> Result:
     """Standard deviation of a reading, compared with sensors.noise_V."""
     check = f"sensor {tank} noise"
     if len(readings_V) < MIN_READINGS:
-        return not_checked(check, f"{len(readings_V)} readings are too few")
+        return not_checked(check, f"too few: {counted(len(readings_V), 'reading')}")
     steps = [(b - a) ** 2 for a, b in pairwise(readings_V)]
     found_V = sqrt(sum(steps) / (2 * len(steps)))
     found = f"{found_V * 1e3:.2f} mV; rig.toml {noise_V * 1e3:g} mV"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from html import escape as escape
+from typing import Any
 
 _CSS = """
 :root{color-scheme:light;--ink:#22303c;--soft:#5f6c78;--rule:#dfe4e8;--wash:#f5f7f9;--blue:#1f6fb2;--orange:#cc5a24;
@@ -108,3 +109,8 @@ def figure(svg: str, title: str, caption: str) -> str:
 def fold(title: str, text: str) -> str:
     """A text that is shown on a click."""
     return f"<details><summary>{escape(title)}</summary><pre>{escape(text)}</pre></details>\n"
+
+
+def number(value: Any, digits: int) -> str:
+    """A number with so many digits, a dash for anything else."""
+    return f"{value:.{digits}g}" if isinstance(value, (int, float)) else "–"

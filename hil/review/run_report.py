@@ -5,14 +5,16 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from hil.core.counted import counted
 from hil.core.fault_kinds import FaultKind
 from hil.edge.record.run_folder import Manifest, RunFolder, write_atomically
 from hil.review import page, run_figures, table3
+from hil.review.alarm_table import alarm_table
 from hil.review.alarms import Injected, injected
 from hil.review.kpi import Kpi, evaluate, level_gain, output_levels
 from hil.review.ticks import LoggedEvent, Ticks, read
@@ -48,6 +50,8 @@ def write_report(folder: RunFolder, compare: RunFolder | None = None) -> Path:
     """
     run = _load(folder)
     other = None if compare is None else _load(compare)
+    if other is not None and other.name == run.name:
+        run, other = replace(run, name=str(folder.path)), replace(other, name=str(compare and compare.path))
     write_atomically(folder.report_path, render(run, other))
     return folder.report_path
 
@@ -63,7 +67,7 @@ def render(run: Run, other: Run | None = None) -> str:
             _cards(run.kpi, is_live=plan.mode == "live"),
             page.section("Table 3 of the paper", _paper_table(runs) if is_papers else ""),
             page.section("Integral of the absolute error", "" if is_papers else _iae_table(runs)),
-            page.section("Alarms and trips", _alarm_table(run.kpi)),
+            page.section("Alarms and trips", alarm_table([(one.name, one.kpi, one.ticks) for one in runs])),
             page.section("Figures", _figures(run, other)),
             page.section("Events", _event_table(run.events)),
             page.section("Configuration", _configuration(run.manifest)),
@@ -106,8 +110,8 @@ def _cards(kpi: Kpi, *, is_live: bool) -> str:
         ("control steps", f"{kpi.ticks}"),
         ("periods skipped", f"{kpi.skipped}"),
         ("frames rejected", f"{kpi.rejected}"),
-        ("largest applied voltage", f"{_number(_largest(kpi.applied_max_V), 3)} V"),
-        ("highest level", f"{_number(_largest(kpi.level_max_cm), 4)} cm"),
+        ("largest applied voltage", f"{page.number(_largest(kpi.applied_max_V), 3)} V"),
+        ("highest level", f"{page.number(_largest(kpi.level_max_cm), 4)} cm"),
         ("lateness, 99 % of steps", _milliseconds(kpi.lateness_s["p99"]) if is_live else "none, simulated"),
         *([("frame to command, 99 % of steps", _milliseconds(kpi.latency_s["p99"]))] if is_live else []),
         ("alarms, trips", f"{len(kpi.alarms)}, {len(kpi.trips)}"),
@@ -120,24 +124,27 @@ def _cards(kpi: Kpi, *, is_live: bool) -> str:
     troubles = [text for name, text in BROKEN.items() if getattr(kpi, name)]
     troubles += kpi.recorder.get("errors", [])
     if kpi.recorder.get("dropped"):
-        troubles.append(f"{kpi.recorder['dropped']} entries of the record were dropped")
+        troubles.append(f"{counted(kpi.recorder['dropped'], 'entry', 'entries')} of the record dropped")
     return page.cards(pairs) + "".join(f'<p class="ERROR">{page.escape(text)}</p>' for text in troubles)
 
 
 def _paper_table(runs: Sequence[Run]) -> str:
     rows = []
-    for line in table3.lines(*(run.kpi for run in reversed(runs))):
+    for line in table3.lines(*(run.kpi for run in runs)):
         cells = [line.window, line.strategy]
         for index in (0, 1):
-            ours_Vs = None if line.ours_Vs is None else line.ours_Vs[index]
             paper_Vs = line.paper_Vs[index]
-            cells += [table3.cell(paper_Vs), table3.cell(ours_Vs), table3.deviation(ours_Vs, paper_Vs)]
+            cells.append(table3.cell(paper_Vs))
+            for ours in line.ours_Vs:
+                ours_Vs = None if ours is None else ours[index]
+                cells += [table3.cell(ours_Vs), table3.deviation(ours_Vs, paper_Vs)]
         rows.append(cells)
-    heads = ["window", "strategy", *("output 1, paper", "here", ""), *("output 2, paper", "here", "")]
+    ours_heads = [head for run in runs for head in (run.name or "this run", "off by")]
+    heads = ["window", "strategy", *(head for output in (1, 2) for head in (f"output {output}: paper", *ours_heads))]
     sources = {"truth": "the true levels", "estimate": "the estimated levels"}
     named = " and ".join(sorted({sources[run.kpi.iae_source] for run in runs}))
     note = f'<p class="soft">Integral of the absolute error in V s, from {page.escape(named)}.</p>'
-    return page.table(heads, rows, numeric=frozenset(range(2, 8))) + note
+    return page.table(heads, rows, numeric=frozenset(range(2, len(heads)))) + note
 
 
 def _is_cut_short(run: Run) -> bool:
@@ -162,29 +169,6 @@ def _iae_table(runs: Sequence[Run]) -> str:
         return ""
     heads = ["window", "strategy", "span", "output 1 [V s]", "output 2 [V s]", "level from"]
     return page.table(heads, rows, numeric=frozenset((3, 4)))
-
-
-def _alarm_table(kpi: Kpi) -> str:
-    rows = [
-        [
-            _number(alarm["detected_s"], 5),
-            f"{alarm['kind']} {alarm['target']}",
-            _with_spread(alarm["size"], alarm["size_std"]),
-            _number(alarm["onset_s"], 5),
-            _number(alarm["isolated_s"], 5),
-            ", ".join(alarm["candidates"]),
-        ]
-        for alarm in kpi.alarms
-    ]
-    rows += [[_number(trip["t_s"], 5), f"trip: {trip['cause']}", trip["text"], "", "", ""] for trip in kpi.trips]
-    if not rows:
-        return '<p class="soft">None.</p>'
-    heads = ["time [s]", "what", "size", "onset [s]", "isolated [s]", "candidates"]
-    return page.table(heads, rows, numeric=frozenset())
-
-
-def _with_spread(size: Any, std: Any) -> str:
-    return f"{_number(size, 3)} ± {_number(std, 2)}" if isinstance(std, float) and std > 0.0 else _number(size, 3)
 
 
 def _figures(run: Run, other: Run | None) -> str:
@@ -259,10 +243,6 @@ def _moment(utc: str | None) -> str:
 def _largest(values: Sequence[float | None]) -> float | None:
     known = [value for value in values if value is not None]
     return max(known) if known else None
-
-
-def _number(value: Any, digits: int) -> str:
-    return f"{value:.{digits}g}" if isinstance(value, (int, float)) else "–"
 
 
 def _milliseconds(value_s: float | None) -> str:

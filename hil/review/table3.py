@@ -23,12 +23,15 @@ NO_RECONFIGURATION, RECONFIGURATION = "no reconfiguration", "reconfiguration"
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One line of the table: window, strategy, the paper's IAE and ours (None: no such run) of outputs 1, 2 in V s."""
+    """One line of the table: window, strategy, and the IAE of outputs 1, 2 in V s.
+
+    ours_Vs : of each run; None for a run with another strategy.
+    """
 
     window: str
     strategy: str
     paper_Vs: Pair
-    ours_Vs: Pair | None
+    ours_Vs: tuple[Pair | None, ...]
 
 
 def applies_to(kpi: Kpi) -> bool:
@@ -37,16 +40,20 @@ def applies_to(kpi: Kpi) -> bool:
 
 
 def lines(*kpis: Kpi) -> tuple[Line, ...]:
-    """The table's four lines; of several runs with the same strategy the last counts."""
-    ours = {kpi.reconfigure: kpi.iae_Vs for kpi in kpis if applies_to(kpi)}
+    """The table's four lines, each with the figures of all runs. The runs are over the paper's windows."""
     strategies = (
         (False, NO_RECONFIGURATION, PAPER_NO_RECONFIGURATION_VS),
         (True, RECONFIGURATION, PAPER_RECONFIGURED_VS),
     )
     return tuple(
-        Line(TITLES[window], name, paper[window], ours[key][window] if key in ours else None)
+        Line(
+            TITLES[window],
+            name,
+            paper[window],
+            tuple(kpi.iae_Vs[window] if kpi.reconfigure is is_reconfigured else None for kpi in kpis),
+        )
         for window in TITLES
-        for key, name, paper in strategies
+        for is_reconfigured, name, paper in strategies
     )
 
 

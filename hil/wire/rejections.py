@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 
+from hil.core.counted import counted
 from hil.wire.contract import Contract
 from hil.wire.frame_check import Frame, Rejection
 
@@ -52,9 +53,9 @@ class RejectedFrames:
         parts = [self._of(frame_id) for frame_id, _ in frame_ids.most_common() if frame_id >= 0]
         others, errors = self._counts[_OTHERS], self._counts[(-1, Rejection.ERROR_FRAME, 0)]
         if others:
-            parts.append(f"{others:,} frames of other identifiers")
+            parts.append(f"{counted(others, 'frame', form=',')} of other identifiers")
         if errors:
-            parts.append(f"{errors:,} error frames")
+            parts.append(counted(errors, "error frame", form=","))
         return "; ".join(parts)
 
     def _of(self, frame_id: int) -> str:
@@ -125,9 +126,10 @@ def lines_rejected(counts: Mapping[str, int]) -> str:
     if rejected:
         by_number = sorted(rejected.items(), key=lambda item: -item[1])
         numbers = ", ".join(f"{number:,} {cause}" for cause, number in by_number)
-        parts.append(f"{sum(rejected.values()):,} lines rejected: {numbers}")
+        parts.append(f"{counted(sum(rejected.values()), 'line', form=',')} rejected: {numbers}")
     if counts.get("refused"):
-        parts.append(f"{counts['refused']:,} commands refused by the adapter")
+        parts.append(f"{counted(counts['refused'], 'command', form=',')} refused by the adapter")
     if counts.get("dropped"):
-        parts.append(f"{counts['dropped']:,} commands not sent: the line was full or the adapter no longer answered")
+        not_sent = counted(counts["dropped"], "command", form=",")
+        parts.append(f"{not_sent} not sent: the line was full or the adapter no longer answered")
     return "; ".join(parts)

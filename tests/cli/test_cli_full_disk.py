@@ -21,9 +21,11 @@ import pytest
 
 from hil.bench import run_record
 from hil.campaigns import campaign_report
+from hil.campaigns.store import Store
 from hil.cli import exit_codes
+from hil.edge.record.new_folder import NewFolder
 from hil.edge.record.recorder import Recorder
-from hil.edge.record.run_folder import RunFolder
+from hil.edge.record.run_folder import RunFolder, RunFolderError
 from hil.review import run_report
 from tests.campaign import campaign_bench
 from tests.cli.cli_bench import BIN, CommandLine, Result, scenario_text
@@ -147,7 +149,7 @@ def test_a_disk_that_fills_at_any_write_of_a_campaign(
         assert_no_debris(folder)
     again = command_line("hil", *arguments, "--out", folder)
     assert again.code == 0
-    assert "2 of 2 runs are there already" in again.out
+    assert "Already there: 2 of 2 runs." in again.out
 
 
 @pytest.fixture
@@ -189,13 +191,35 @@ def test_a_real_disk_that_is_too_small(small_disk: Path, tmp_path: Path, command
     assert command_line("hil", "report", copy).code == 0, "what there is can be read"
 
 
-def test_a_disk_that_is_full_at_the_start(small_disk: Path, scenario: Path) -> None:
-    """Rerun, whose writer a full disk had ended, used to wait for it for ever: at the start, and at the exit."""
-    (small_disk / "filler").write_bytes(bytes(530_000))
-    result = run_whole("simulate", scenario, "--out", small_disk / "run", stdout=subprocess.PIPE)
+@pytest.mark.parametrize("free", [70_000, 0], ids=["room for run.json", "no room"])
+def test_a_disk_that_is_full_at_the_start(small_disk: Path, scenario: Path, free: int) -> None:
+    """Rerun, whose writer a full disk had ended, used to wait for it for ever: at the start, and at the exit.
+
+    Later the line said only that Rerun had not answered, and the empty folders above the run's were left.
+    """
+    (small_disk / "filler").write_bytes(bytes(600 * 1024 - free))
+    folder = small_disk / "new" / "folders" / "run"
+    result = run_whole("simulate", scenario, "--out", folder, stdout=subprocess.PIPE)
     assert result.code == NOTHING_MOVED, result
-    assert re.fullmatch(rf"hil: {small_disk}/run[^\n]+\n", result.err), result.err
+    assert_one_line(result, folder)
     assert [path.name for path in small_disk.iterdir()] == ["filler"]
+
+
+def test_what_a_full_disk_leaves_of_the_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The folders made for a record go, those of others stay; campaigns, too."""
+    mine = tmp_path / "empty"
+    mine.mkdir()
+    with pytest.raises(FileExistsError):
+        NewFolder.make(mine)
+    assert mine.is_dir(), "an empty folder of the user's is not ours"
+    new = NewFolder.make(mine / "a" / "b" / "run")
+    (mine / "a" / "note.txt").write_text("of another program")
+    new.remove()
+    assert [path.name for path in (mine / "a").iterdir()] == ["note.txt"]
+    FailingDisk(tmp_path, 1).install(monkeypatch)
+    with pytest.raises(RunFolderError, match=r"campaign\.json can't be written: No space left on device"):
+        Store.open(tmp_path / "c" / "d", {"name": "any"})
+    assert not (tmp_path / "c").exists()
 
 
 @pytest.mark.long

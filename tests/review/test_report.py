@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -13,9 +14,11 @@ from hil.core.types import Event, Severity
 from hil.edge.record.recorder import Recorder
 from hil.edge.record.run_folder import RunFolder, Window
 from hil.review import table3
+from hil.review.alarm_table import last_estimate
 from hil.review.kpi import compute
 from hil.review.run_figures import thin
 from hil.review.run_report import write_report
+from hil.review.ticks import Ticks, read
 from hil.review.view import NoViewerError, view
 from tests.review import toy
 
@@ -119,8 +122,51 @@ def test_thinning_keeps_the_peaks_and_the_ends() -> None:
 def test_table_3_has_paper_and_run_side_by_side(whole_run: RunFolder, run_without_reconfiguration: RunFolder) -> None:
     both = table3.lines(compute(whole_run), compute(run_without_reconfiguration))
     assert [line.paper_Vs for line in both] == [(13.07, 9.231), (0.702, 0.501), (9.348, 9.405), (6.189, 6.234)]
-    assert all(line.ours_Vs is not None for line in both)
-    assert [line.ours_Vs is None for line in table3.lines(compute(whole_run))] == [True, False, True, False]
+    assert [[ours is None for ours in line.ours_Vs] for line in both] == [[True, False], [False, True]] * 2
+    assert [line.ours_Vs == (None,) for line in table3.lines(compute(whole_run))] == [True, False, True, False]
+
+
+def heads(text: str, section: str) -> list[str]:
+    """The column heads of the table in a section of the report."""
+    (head,) = re.findall(rf"<h2>{section}</h2>.*?<thead>(.*?)</thead>", text, re.DOTALL)
+    return re.findall(r"<th[^>]*>(.*?)</th>", head)
+
+
+def test_the_papers_table_names_its_runs(
+    page: str, whole_run: RunFolder, run_without_reconfiguration: RunFolder
+) -> None:
+    """It used to say "here" for both runs, and to show only one of two with the same strategy."""
+    names = [whole_run.path.name, run_without_reconfiguration.path.name]
+    ours = [head for name in names for head in (name, "off by")]
+    expected = ["window", "strategy", "output 1: paper", *ours, "output 2: paper", *ours]
+    assert heads(page, "Table 3 of the paper") == expected
+
+
+def test_two_runs_of_one_strategy_and_one_name_are_both_in_the_table(whole_run: RunFolder, tmp_path: Path) -> None:
+    other = RunFolder(shutil.copytree(whole_run.path, tmp_path / whole_run.path.name))
+    text = write_report(other, whole_run).read_text(encoding="utf-8")
+    assert heads(text, "Table 3 of the paper")[3:7] == [str(other.path), "off by", str(whole_run.path), "off by"]
+    both = table3.lines(compute(other), compute(whole_run))
+    assert both[1].ours_Vs[0] == both[1].ours_Vs[1] is not None
+    assert heads(text, "Alarms and trips")[:2] == ["run", "time [s]"]
+
+
+def test_the_alarm_table_has_the_last_estimate_of_a_pumps_effectiveness(whole_run: RunFolder) -> None:
+    """Its only size was the one at the isolation, which the detector corrects for some seconds more."""
+    ticks, _ = read(whole_run)
+    times_s = ticks["t_s"]
+    theta1 = np.select([times_s < 201.0, times_s < 300.0, times_s < 400.0], [1.0, 0.37, 0.41], 0.8)
+    changed = Ticks({**ticks.columns, "theta1": theta1})
+    alarms = compute(whole_run).alarms
+    assert (alarms[0]["kind"], alarms[0]["target"], alarms[0]["isolated_s"]) == ("pump_effectiveness", 1, 201.0)
+    assert last_estimate(alarms, 0, changed) == 0.8, "at the end of the run"
+    assert last_estimate([{**alarms[0], "recovered_s": 400.0}], 0, changed) == 0.41, "before the recovery"
+    assert last_estimate([alarms[0], {**alarms[0], "detected_s": 300.0}], 0, changed) == 0.37, "before the next alarm"
+    assert last_estimate([{**alarms[0], "kind": "leak"}], 0, changed) is None
+    assert last_estimate([{**alarms[0], "isolated_s": None}], 0, changed) is None
+    text = write_report(whole_run).read_text(encoding="utf-8")
+    assert heads(text, "Alarms and trips")[2:4] == ["size", "last estimate"]
+    assert "the last estimate is that at the end of the run" in text
 
 
 def test_view_without_a_screen_says_where_the_report_is(whole_run: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:

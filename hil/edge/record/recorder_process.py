@@ -24,6 +24,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
+from hil.core.counted import counted
 from hil.core.types import Event, Quad, Severity, TickRecord
 from hil.edge.record.record_format import event_line
 from hil.edge.record.recorder import Recorder, RecorderHealth
@@ -285,7 +286,7 @@ class _Writer:
     def _close(self, status: Status, reason: str, speed_x: float | None, dropped: int) -> None:
         self._is_closed = True
         if dropped:
-            text = f"the record has gaps: the queue was full, {dropped} entries dropped"
+            text = f"the record has gaps: the queue was full, {counted(dropped, 'entry', 'entries')} dropped"
             self._recorder.event(0.0, Event(Severity.WARNING, "record_dropped", text, {"dropped": dropped}))
         self._recorder.close(status, reason, speed_x=speed_x, dropped=dropped)
         self._send_status()

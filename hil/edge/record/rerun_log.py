@@ -24,6 +24,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from hil.core.types import Event, Mode
+from hil.edge.record.new_folder import disk_error
 from hil.edge.record.record_format import Row
 from hil.edge.record.run_folder import RunMode
 from hil.edge.record.signals import Signal, recorded
@@ -33,6 +34,7 @@ _NONE = "none"
 FLUSH_TIMEOUT_S = 2.0
 CALL_TIMEOUT_S = 5.0
 """For each call of Rerun that reaches its file: one that meets a full disk may wait for ever."""
+COMPACT_TIMEOUT_S = 60.0
 HEALTHY_FROM, DEAD_BELOW = 0.995, 0.05  # effectiveness
 
 # Backgrounds of the states, under white text.
@@ -102,7 +104,7 @@ class RerunLog:
         self._state_now: dict[str, str] = {}
         self._state_key: tuple[float, float, float] | None = None
         self._recording = rr.RecordingStream("fourtank-hil", recording_id=card.recording_id)
-        _within(CALL_TIMEOUT_S, lambda: self._open(card, blueprint))
+        self._call(lambda: self._open(card, blueprint))
 
     def tick(self, row: Row) -> None:
         """Take one step; see `hil.edge.record.recorder.Timeline`."""
@@ -112,7 +114,7 @@ class RerunLog:
         self._table[self._filled] = row
         self._filled += 1
         if self._filled == len(self._table):
-            _within(CALL_TIMEOUT_S, self._send)
+            self._call(self._send)
 
     def event(self, t_s: float, event: Event) -> None:
         """Take one event: a line of the log; alarms and trips become states, too."""
@@ -141,13 +143,22 @@ class RerunLog:
 
     def flush(self) -> None:
         """Send what was gathered and see it on its way to the disk; raises when the disk does not take it."""
-        _within(CALL_TIMEOUT_S, self._send_and_flush)
+        self._call(self._send_and_flush)
 
     def close(self) -> None:
         """Send the rest and finalise the file."""
-        _within(CALL_TIMEOUT_S, self._finalise)
+        self._call(self._finalise)
         if self._compact_at_close:
-            compact(self._path)
+            self._call(lambda: compact(self._path), 2.0 * COMPACT_TIMEOUT_S)
+
+    def _call(self, call: Callable[[], None], timeout_s: float = CALL_TIMEOUT_S) -> None:
+        """Call Rerun. Where the disk is the cause of what it raises, that error is raised instead."""
+        try:
+            _within(timeout_s, call)
+        except Exception as error:
+            if (cause := disk_error(self._path.parent)) is not None:
+                raise cause from error
+            raise
 
     def _open(self, card: RunCard, blueprint: rrb.Blueprint | None) -> None:
         self._recording.save(self._path, default_blueprint=blueprint)
@@ -249,7 +260,7 @@ def _within(timeout_s: float, call: Callable[[], None]) -> None:
     thread.join(timeout_s)
     if thread.is_alive():
         rr.unregister_shutdown()  # it would wait for the same writer when the program ends
-        raise TimeoutError(f"Rerun has not answered for {timeout_s:g} s (is the disk full?)")
+        raise TimeoutError(f"Rerun has not answered for {timeout_s:g} s")
     if errors:
         raise errors[0]
 
@@ -259,7 +270,7 @@ def _times(times_s: Floats) -> rr.TimeColumn:
     return rr.TimeColumn(TIMELINE, duration=nanoseconds)
 
 
-def compact(path: Path, timeout_s: float = 60.0) -> None:
+def compact(path: Path, timeout_s: float = COMPACT_TIMEOUT_S) -> None:
     """Merge the file's small chunks with Rerun's own tool; a killed run's file becomes a whole one by it, too.
 
     Raises OSError or subprocess.SubprocessError; the file is then as it was.

@@ -15,7 +15,6 @@ from __future__ import annotations
 import json
 import os
 import platform
-import shutil
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -26,6 +25,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from hil.core.errors import HilError
+from hil.edge.record.new_folder import NewFolder
 from hil.version import __version__
 
 Status = Literal["running", "complete", "stopped", "tripped", "failed"]
@@ -155,9 +155,10 @@ class Manifest:
 
 @dataclass(frozen=True, slots=True)
 class RunFolder:
-    """The paths of one run's files, and its manifest."""
+    """The paths of one run's files, and its manifest. made : what `create` made; None for a folder that is read."""
 
     path: Path
+    made: NewFolder | None = None
 
     @classmethod
     def create(cls, path: Path, plan: RunPlan, started: datetime | None = None) -> RunFolder:
@@ -166,23 +167,27 @@ class RunFolder:
         Raises RunFolderExistsError (a FileExistsError) when the path is taken, RunFolderError when it cannot be made.
         """
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.mkdir()
+            made = NewFolder.make(path)
         except FileExistsError as error:
             message = f"{path} exists already; a run never overwrites another, name a new folder"
             raise RunFolderExistsError(message) from error
         except OSError as error:
             raise RunFolderError(f"cannot make the run folder {path}: {error.strerror}") from error
-        folder = cls(path)
+        folder = cls(path, made)
         manifest = Manifest(plan, "running", "", _utc(started), None, versions(), clock=Clock.of(plan.mode))
         try:
             folder._write_manifest(manifest)
         except BaseException as error:
-            shutil.rmtree(path, ignore_errors=True)
-            if isinstance(error, IncompleteRecordError):
-                raise RunFolderError(f"cannot make the run folder {path}: {error.__cause__}") from None
+            folder.remove()
+            if isinstance(error, IncompleteRecordError) and isinstance(error.__cause__, OSError):
+                raise RunFolderError(f"cannot make the run folder {path}: {error.__cause__.strerror}") from None
             raise
         return folder
+
+    def remove(self) -> None:
+        """Remove a folder that was just made, and the parent folders made for it. Never raises."""
+        if self.made is not None:
+            self.made.remove()
 
     @classmethod
     def open(cls, path: Path) -> RunFolder:
