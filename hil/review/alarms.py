@@ -68,7 +68,9 @@ class Injected:
     @property
     def kinds(self) -> tuple[str, ...]:
         """The kinds by which a diagnosis may report it."""
-        return tuple(filter(None, (self.kind, ALSO_CALLED.get(self.kind))))
+        is_drift = self.kind == FaultKind.SENSOR_BIAS and self.ramp_s > 0.0  # while it grows, it is one
+        general = FaultKind.SENSOR_DRIFT if is_drift else ALSO_CALLED.get(self.kind)
+        return tuple(filter(None, (self.kind, general)))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -87,7 +89,7 @@ class Judgement:
     """Findings compared with the injected faults.
 
     answers : for each of `faults` the finding that reports it, None for a missed fault. false : findings before the
-    first fault. spurious : later findings that report no injected fault.
+    first fault. spurious : later findings that report no injected fault. An intermittent fault may be reported again.
     """
 
     faults: tuple[Injected, ...]
@@ -157,7 +159,9 @@ def judge(faults: Sequence[Injected], findings: Sequence[Finding]) -> Judgement:
             if answers[index] is None and match is not None:
                 answers[index] = match
                 left.remove(match)
-    return Judgement(tuple(faults), tuple(answers), false, tuple(left))
+    again = [faults[index] for index in process if faults[index].period_s is not None]
+    spurious = tuple(finding for finding in left if not any(_names(finding, fault) for fault in again))
+    return Judgement(tuple(faults), tuple(answers), false, spurious)
 
 
 def _first(number: int, alarm: Mapping[str, Any]) -> Finding:

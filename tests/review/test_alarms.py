@@ -56,6 +56,25 @@ def test_the_right_name_wins_over_the_first_to_come() -> None:
     assert (verdict.false, verdict.spurious) == ((), (findings[0],))
 
 
+def test_an_intermittent_fault_may_be_reported_each_time_it_comes_back() -> None:
+    played = injected(
+        [{"kind": "pump_effectiveness", "target": 1, "value": 0.4, "at_s": 100.0, "period_s": 9.0, "duty": 0.5}]
+    )
+    findings = merged([alarm(101.0), alarm(105.0, is_recovery=True), alarm(110.0), alarm(119.0, "leak", number=2)])
+    verdict = judge(played, findings)
+    assert verdict.answers == (findings[0],)
+    assert verdict.spurious == (findings[2],)
+    lasting = judge((PUMP,), findings)
+    assert lasting.spurious == findings[1:]
+
+
+def test_a_bias_that_grows_may_be_called_a_drift() -> None:
+    grows, jumps = (Injected("sensor_bias", 2, 1.0, 100.0, ramp_s=ramp_s) for ramp_s in (50.0, 0.0))
+    findings = merged([alarm(101.0, "sensor_drift", 2)])
+    assert judge((grows,), findings).is_right
+    assert not judge((jumps,), findings).is_right
+
+
 def test_a_wrong_name_answers_where_there_is_no_right_one() -> None:
     findings = merged([alarm(101.0, "leak")])
     assert judge((PUMP,), findings).answers == findings
