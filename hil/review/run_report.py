@@ -174,10 +174,10 @@ def _iae_table(runs: Sequence[Run]) -> str:
 def _figures(run: Run, other: Run | None) -> str:
     if len(run.ticks) == 0:
         return '<p class="soft">No control step was recorded.</p>'
-    names = _trace_names(run, other)
-    traces = [_trace(run, names[0], run_figures.BLUE)]
+    name, other_name = _trace_names(run, other)
+    traces = [_trace(run, name, run_figures.BLUE)]
     if other is not None and len(other.ticks):
-        traces.append(_trace(other, names[1], run_figures.ORANGE))
+        traces.append(_trace(other, other_name, run_figures.ORANGE))
     gain_V_cm = level_gain(run.manifest.plan.settings)
     source = "true levels" if run.ticks.has_truth else "estimated levels"
     with run_figures.style():

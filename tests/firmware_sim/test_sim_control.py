@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from firmware_sim import cli
 from firmware_sim.command_server import LINE_MAX, CommandServer, Lines, listen_unix
 from firmware_sim.links import listen
 from firmware_sim.rig import Rig
@@ -93,6 +94,12 @@ def test_a_path_in_use_is_refused_and_an_abandoned_one_is_taken_over(tmp_path: P
     with pytest.raises(OSError, match="in use"):
         listen_unix(path)
     assert path.read_text() == "precious"
+
+
+@pytest.mark.parametrize("where", ["/nowhere/at/all", "99999"])
+def test_a_control_address_that_can_not_be_had_is_a_usage_error(where: str) -> None:
+    with pytest.raises(cli.UsageError, match=f"--control {where}: "):
+        cli._command_server(rig_with(), where)
 
 
 @pytest.mark.parametrize("where", ["/nowhere/at/all", "99999"])

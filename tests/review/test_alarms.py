@@ -56,6 +56,10 @@ def test_the_right_name_wins_over_the_first_to_come() -> None:
     assert (verdict.false, verdict.spurious) == ((), (findings[0],))
 
 
+def test_a_fault_has_the_names_that_candidates_have() -> None:
+    assert Injected("leak", 1, 0.2, 5.0).names == ("leak 1",)
+
+
 def test_an_intermittent_fault_may_be_reported_each_time_it_comes_back() -> None:
     played = injected(
         [{"kind": "pump_effectiveness", "target": 1, "value": 0.4, "at_s": 100.0, "period_s": 9.0, "duty": 0.5}]

@@ -127,7 +127,7 @@ def test_a_run_that_never_got_going_has_figures_all_the_same(tmp_path: Path) -> 
     folder = RunFolder.create(tmp_path / "run", toy.plan())
     Recorder.open(folder).close("failed", "the rig did not become ready within 10 s")
     kpi = compute(folder)
-    assert (kpi.ticks, kpi.applied_max_V, kpi.lateness_s["p99"]) == (0, (None, None), None)
+    assert (kpi.ticks, kpi.duration_s, kpi.applied_max_V, kpi.lateness_s["p99"]) == (0, 0.0, (None, None), None)
     assert kpi.iae_Vs["gain_fall"] == (0.0, 0.0)
 
 

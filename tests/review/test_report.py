@@ -78,6 +78,17 @@ def test_report_escapes_what_comes_from_outside(tmp_path: Path, page: str) -> No
     assert "&lt;script&gt;" in text
 
 
+def test_times_of_an_alarm_have_hundredths_of_a_second(tmp_path: Path) -> None:
+    folder = RunFolder.create(tmp_path / "run", toy.plan())
+    recorder = Recorder.open(folder)
+    data = {"kind": "leak", "target": 1, "size": 0.2, "detected_s": 234.56, "onset_s": 223.45, "isolated_s": 245.67}
+    event = Event(Severity.ERROR, "alarm", "leak", data)
+    recorder.tick(replace(next(toy.steps())[0], events=(event,)))
+    recorder.close("complete", "duration over")
+    text = write_report(folder).read_text(encoding="utf-8")
+    assert all(f">{value}<" in text for value in ("234.56", "223.45", "245.67"))
+
+
 def test_same_record_gives_the_same_report(whole_run: RunFolder) -> None:
     assert write_report(whole_run).read_bytes() == write_report(whole_run).read_bytes()
 
