@@ -21,6 +21,7 @@ from hil.campaigns.observer import Observer
 from hil.campaigns.outcome import Rest
 from hil.campaigns.row import Elapsed, Row
 from hil.campaigns.toml_text import toml_text
+from hil.core.fault_kinds import FaultKind
 from hil.edge.can.bus import BusPort
 from hil.edge.can.pair_bus import pair
 from hil.edge.config.rig_file import load_rig
@@ -30,7 +31,11 @@ from hil.edge.record.run_folder import Window, write_atomically
 from hil.wire.contract import Contract
 
 REST_NS = 500_000_000
-"""How long the emulator goes on alone after a run, to see at which levels and voltages it comes to rest."""
+"""How long the emulator goes on alone after a run, to see at which voltages it comes to rest."""
+
+DRAIN_NS = 60_000_000_000
+"""How long it goes on after that: the upper tanks drain into the lower ones, which may still overflow. Not with a pump
+that is stuck on: it would run on until its supply is cut."""
 
 
 def run_case(case: Case, config_dir: Path, bound_s: outcome.Bound | None = None) -> Row:
@@ -62,7 +67,10 @@ def _run(case: Case, config_dir: Path, bound_s: outcome.Bound | None, started: E
         loop = make_loop(bench, config, port, observer, true_level_cm=lambda: emulator.levels_cm)
         ending = lockstep.run(loop, port, EmulatorPort(emulator, theirs), config.loop.period_s)
     emulator.advance(emulator.now_ns + REST_NS)
-    rest = Rest(emulator.truth().spilled_cm3, emulator.pump.applied_V)
+    applied_V = emulator.pump.applied_V
+    if not any(fault["kind"] == FaultKind.PUMP_STUCK_ON for fault in case.faults):
+        emulator.advance(emulator.now_ns + DRAIN_NS)
+    rest = Rest(emulator.truth().spilled_cm3, applied_V)
     return outcome.evaluate(
         case,
         _figures(bench),

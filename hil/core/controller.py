@@ -8,13 +8,28 @@ docs/decisions/0011-interlocks.md.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from math import isfinite
 
 from hil.core import closed_loop, state_feedback, supervisor
 from hil.core.closed_loop import TIME_TOLERANCE_S, LoopConfig, LoopState
 from hil.core.interlocks import Belief, Limits
+from hil.core.live_levels import NONE, LiveLevels, live_levels_cm, watch_readings
 from hil.core.overshoot import Outlets, watch
 from hil.core.supervisor import Supervision
-from hil.core.types import Action, Command, Diagnosis, Event, Inputs, Mode, Pair, Request, TickRecord, TripCause
+from hil.core.types import (
+    Action,
+    Command,
+    Diagnosis,
+    Event,
+    Inputs,
+    Measurement,
+    Mode,
+    Pair,
+    Quad,
+    Request,
+    TickRecord,
+    TripCause,
+)
 
 
 @dataclass(frozen=True)
@@ -31,12 +46,24 @@ class ControllerConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class Monitors:
+    """States of the monitors that the interlocks use.
+
+    outlets : by the levels of the loop. live_outlets : by those of the live sensors that are not trusted.
+    """
+
+    outlets: Outlets = field(default_factory=Outlets)
+    live_outlets: Outlets = field(default_factory=Outlets)
+    live: LiveLevels = field(default_factory=LiveLevels)
+
+
+@dataclass(frozen=True, slots=True)
 class ControllerState:
-    """State of the supervisor; of the loop and the outlet monitor, from the first step in control on."""
+    """State of the supervisor; of the loop and the monitors, from the first step in control on."""
 
     supervision: Supervision = field(default_factory=Supervision)
     loop: LoopState | None = None
-    outlets: Outlets = field(default_factory=Outlets)
+    monitors: Monitors = field(default_factory=Monitors)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +79,7 @@ def step(
     config: ControllerConfig, state: ControllerState, inputs: Inputs, now_ns: int
 ) -> tuple[ControllerState, Output]:
     """One step at now_ns (monotonic). The command is always safe. The caller answers an exception with `fail`."""
-    loop, outlets = state.loop, state.outlets
+    loop, monitors = state.loop, state.monitors
     if loop is None:
         supervision, events = supervisor.next_mode(config.limits, state.supervision, inputs, now_ns)
         if not supervision.mode.is_controlling:
@@ -62,15 +89,7 @@ def step(
     else:
         inputs = _with_schedule(config, loop, inputs, now_ns)
         loop, loop_events = closed_loop.step(config.loop, loop, inputs, now_ns)
-        level_cm, pump_V = loop.estimate.level_cm, loop.estimate.pump_V
-        outlets = watch(config.limits.model, outlets, level_cm, _effective(loop.diagnosis, pump_V), now_ns)
-        belief = Belief(
-            diagnosis=loop.diagnosis,
-            level_cm=level_cm,
-            pump_V=pump_V,
-            accommodates=config.loop.reconfigure,
-            open_share=outlets.open_share,
-        )
+        monitors, belief = _observe(config, monitors, loop, inputs.measurement, now_ns)
         supervision, events = supervisor.next_mode(config.limits, state.supervision, inputs, now_ns, belief)
     events += loop_events
     supervision, command = supervisor.safe_command(config.limits, supervision, loop.raw_V, config.loop.period_s)
@@ -78,7 +97,7 @@ def step(
     integral = _next_integral(config, loop, supervision.mode, inputs, command.voltage_V)
     if integral != loop.integral_Vs:
         loop = replace(loop, integral_Vs=integral)
-    new = ControllerState(supervision=supervision, loop=loop, outlets=outlets)
+    new = ControllerState(supervision=supervision, loop=loop, monitors=monitors)
     return new, Output(command=command, events=events, record=record)
 
 
@@ -102,9 +121,42 @@ def is_over(config: ControllerConfig, state: ControllerState) -> bool:
     return loop is not None and _run_time_s(loop, loop.stepped_ns) >= config.duration_s - TIME_TOLERANCE_S
 
 
+def _observe(
+    config: ControllerConfig, monitors: Monitors, loop: LoopState, measurement: Measurement, now_ns: int
+) -> tuple[Monitors, Belief]:
+    """One step of the monitors, and what the supervisor may assume."""
+    model, diagnosis, estimate = config.limits.model, loop.diagnosis, loop.estimate
+    live = watch_readings(model, config.limits.range_V[1], monitors.live, measurement, diagnosis.trusted, now_ns)
+    live_cm = live_levels_cm(live, measurement, diagnosis)
+    effective_V = _effective(diagnosis, estimate.pump_V)
+    outlets = live_outlets = watch(model, monitors.outlets, estimate.level_cm, effective_V, now_ns)
+    if live_cm != NONE:
+        levels_cm = _with_live(estimate.level_cm, live_cm)
+        live_outlets = watch(model, monitors.live_outlets, levels_cm, effective_V, now_ns)
+    belief = Belief(
+        diagnosis=diagnosis,
+        level_cm=estimate.level_cm,
+        pump_V=estimate.pump_V,
+        accommodates=config.loop.reconfigure,
+        open_share=_smaller(outlets.open_share, live_outlets.open_share),
+        live_cm=live_cm,
+    )
+    return Monitors(outlets=outlets, live_outlets=live_outlets, live=live), belief
+
+
 def _effective(diagnosis: Diagnosis, pump_V: Pair) -> Pair:
     (theta1, theta2), (v1, v2) = diagnosis.effectiveness, pump_V
     return theta1 * v1, theta2 * v2
+
+
+def _with_live(level_cm: Quad, live_cm: Quad) -> Quad:
+    """The levels, with those that sensors without trust still show."""
+    h1, h2, h3, h4 = (live if isfinite(live) else level for level, live in zip(level_cm, live_cm, strict=True))
+    return h1, h2, h3, h4
+
+
+def _smaller(first: Pair, second: Pair) -> Pair:
+    return min(first[0], second[0]), min(first[1], second[1])
 
 
 def _run_time_s(loop: LoopState, now_ns: int) -> float:

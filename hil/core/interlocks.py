@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from enum import Enum
 from math import isfinite
 
+from hil.core.live_levels import NONE
 from hil.core.overshoot import peak_levels
 from hil.core.tanks import TankModel
 from hil.core.types import Diagnosis, Inputs, NodeState, Pair, Quad, TripCause
@@ -63,7 +64,8 @@ class Belief:
     """What the control loop estimates at this step.
 
     level_cm : (4,) estimated levels, None before the first estimate. pump_V : (2,) what the pumps deliver, lag
-    included. accommodates : whether the law follows the diagnosis. open_share : (2,) see `overshoot.Outlets`.
+    included. accommodates : whether the law follows the diagnosis. open_share : (2,) see `overshoot.Outlets`. live_cm :
+    (4,) see `live_levels`.
     """
 
     diagnosis: Diagnosis = NO_FAULT
@@ -71,6 +73,7 @@ class Belief:
     pump_V: Pair = (0.0, 0.0)
     accommodates: bool = False
     open_share: Pair = (1.0, 1.0)
+    live_cm: Quad = NONE
 
 
 NO_BELIEF = Belief()
@@ -80,8 +83,9 @@ NO_BELIEF = Belief()
 class Situation:
     """The inputs of an interlock.
 
-    level_cm : (4,) best known levels. pump_V : (2,) the most that a pump may still deliver. mismatch_s : how long the
-    applied voltages have differed from the echoed command. open_share : (2,) of the lower tanks' outlets.
+    level_cm : (4,) of `levels_cm`. pump_V : (2,) the most that a pump may still deliver. mismatch_s : how long the
+    applied voltages have differed from the echoed command. open_share : (2,) of the lower tanks' outlets. live_cm :
+    (4,) levels of sensors that are not trusted, -inf for others.
     """
 
     inputs: Inputs
@@ -90,6 +94,7 @@ class Situation:
     pump_V: Pair
     mismatch_s: float
     open_share: Pair
+    live_cm: Quad = NONE
 
 
 class Reaction(Enum):
@@ -123,10 +128,10 @@ class Interlock:
 
 
 def levels_cm(limits: Limits, inputs: Inputs, belief: Belief) -> Quad:
-    """(4,) best known level of each tank, in cm.
+    """(4,) level of each tank that the interlocks assume, in cm.
 
-    The reading; the estimate where the newest reading is not valid; the level of the diagnosis where it does not trust
-    the sensor.
+    The reading; the estimate where the newest reading is not valid. Where the diagnosis does not trust the sensor: its
+    own level, or that of the sensor as far as it may still be true, whichever is higher.
     """
     k = limits.level_gain_V_cm
     measurement, diagnosis = inputs.measurement, belief.diagnosis
@@ -137,7 +142,7 @@ def levels_cm(limits: Limits, inputs: Inputs, belief: Belief) -> Quad:
     for channel in range(4):
         if not diagnosis.trusted[channel]:
             if diagnosis.level_V is not None:
-                best[channel] = diagnosis.level_V[channel] / k
+                best[channel] = max(diagnosis.level_V[channel] / k, belief.live_cm[channel])
         elif not measurement.valid[channel] and belief.level_cm is not None:
             best[channel] = belief.level_cm[channel]
     h1, h2, h3, h4 = best
@@ -164,6 +169,15 @@ def _will_overflow(limits: Limits, s: Situation) -> bool:
         return True
     rim_cm = limits.model.height_cm - limits.rim_margin_cm
     return max(peak_levels(limits.model, limits.lag_s, s.level_cm, s.pump_V, s.open_share)) > rim_cm
+
+
+def _describe_levels(s: Situation) -> str:
+    """The levels, and which of them are readings that the diagnosis does not trust."""
+    text = "levels of {:.2f}, {:.2f}, {:.2f}, {:.2f} cm".format(*s.level_cm)
+    shown = [f"{n}" for n, (level, live) in enumerate(zip(s.level_cm, s.live_cm, strict=True), 1) if level == live]
+    if not shown:
+        return text
+    return f"{text}; sensor {' and '.join(shown)}, which diagnosis does not trust, may be right"
 
 
 def _is_dry_run(limits: Limits, s: Situation) -> bool:
@@ -275,7 +289,7 @@ INTERLOCKS: tuple[Interlock, ...] = (
         TripCause.HIGH_LEVEL,
         _will_overflow,
         "a tank is about to overflow",
-        detail=lambda s: "levels of {:.2f}, {:.2f}, {:.2f}, {:.2f} cm".format(*s.level_cm),
+        detail=_describe_levels,
     ),
     Interlock(
         TripCause.PUMP_STUCK_ON,

@@ -13,7 +13,8 @@ While its lag decays a pump still delivers a volume of k_j v_j times the lag. Ou
 water raises a tank, or the tank below it, by at most its own volume. Adding that volume gives an upper bound.
 
 A blocked outlet drains less than eq. (1) says. The outflow of a lower tank is therefore measured: inflow minus the
-change of its volume, as a share of a_l sqrt(2 g h_l), smoothed over SMOOTHING_S.
+change of its volume, as a share of a_l sqrt(2 g h_l), smoothed over SMOOTHING_S. An outlet that clogs goes on clogging
+after the pumps have stopped: a share that falls is extrapolated over the time in which the tank above drains.
 The interlock that uses it: docs/decisions/0011-interlocks.md.
 """
 
@@ -21,7 +22,7 @@ from __future__ import annotations
 
 from cmath import log as complex_log
 from cmath import sqrt as complex_sqrt
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import exp, sqrt
 
 from hil.core.tanks import TankModel
@@ -31,6 +32,9 @@ MIN_ROOT_DISTANCE = 1e-6
 """The two roots of w^2 - alpha beta w + alpha are kept at least this far apart."""
 
 SMOOTHING_S = 3.0
+TREND_S = 10.0
+"""The rate at which the share falls is that over about this time."""
+
 MIN_SHARE = 0.02
 """Lower limit of the open share: an outlet that is almost shut. All water above then still arrives."""
 
@@ -46,16 +50,22 @@ class Outlets:
     """State of the outlet monitor for the two lower tanks.
 
     share : (2,) measured outflow over that of eq. (1). level_cm : (2,) levels at watched_ns, None at first.
+    earlier : (2,) the share smoothed once more, over TREND_S. drain_s : (2,) time in which the tank above drains.
     """
 
     share: Pair = (1.0, 1.0)
     level_cm: Pair | None = None
     watched_ns: int = 0
+    earlier: Pair = (1.0, 1.0)
+    drain_s: Pair = (0.0, 0.0)
 
     @property
     def open_share(self) -> Pair:
-        """(2,) the share within MIN_SHARE..1: never more than a clean outlet."""
-        first, second = self.share
+        """(2,) the share when the tank above has drained, within MIN_SHARE..1: never more than a clean outlet."""
+        (first, second), (earlier1, earlier2), (drain1, drain2) = self.share, self.earlier, self.drain_s
+        # a share that falls at a constant rate is SMOOTHING_S behind, and the earlier one TREND_S behind it
+        first -= max(earlier1 - first, 0.0) / TREND_S * (SMOOTHING_S + drain1)
+        second -= max(earlier2 - second, 0.0) / TREND_S * (SMOOTHING_S + drain2)
         return min(max(first, MIN_SHARE), 1.0), min(max(second, MIN_SHARE), 1.0)
 
 
@@ -64,21 +74,29 @@ def watch(model: TankModel, outlets: Outlets, level_cm: Quad, pump_V: Pair, now_
     h1, h2, h3, h4 = level_cm
     period_s = (now_ns - outlets.watched_ns) * 1e-9
     if outlets.level_cm is None or period_s <= 0.0:
-        return Outlets(share=outlets.share, level_cm=(h1, h2), watched_ns=now_ns)
+        return replace(outlets, level_cm=(h1, h2), watched_ns=now_ns)
     (last1, last2), (share1, share2) = outlets.level_cm, outlets.share
-    A1, A2, _, _ = model.area_cm2
+    A1, A2, A3, A4 = model.area_cm2
     a1, a2, a3, a4 = model.outlet_cm2
     (k1, k2), (g1, g2) = model.pump_gain_cm3_Vs, model.valve_split
     s = sqrt(2.0 * model.gravity_cm_s2)
-    left1 = a3 * s * sqrt(max(h3, 0.0)) + g1 * k1 * pump_V[0] - A1 * (h1 - last1) / period_s
-    left2 = a4 * s * sqrt(max(h4, 0.0)) + g2 * k2 * pump_V[1] - A2 * (h2 - last2) / period_s
+    root3, root4 = sqrt(max(h3, 0.0)), sqrt(max(h4, 0.0))
+    left1 = a3 * s * root3 + g1 * k1 * pump_V[0] - A1 * (h1 - last1) / period_s
+    left2 = a4 * s * root4 + g2 * k2 * pump_V[1] - A2 * (h2 - last2) / period_s
     seen1 = left1 / (a1 * s * sqrt(max(h1, MIN_LEVEL_CM)))
     seen2 = left2 / (a2 * s * sqrt(max(h2, MIN_LEVEL_CM)))
     low, high = SHARE_RANGE
     weight = min(period_s / SMOOTHING_S, 1.0)
     share1 += weight * (min(max(seen1, low), high) - share1)
     share2 += weight * (min(max(seen2, low), high) - share2)
-    return Outlets(share=(share1, share2), level_cm=(h1, h2), watched_ns=now_ns)
+    weight, (earlier1, earlier2) = min(period_s / TREND_S, 1.0), outlets.earlier
+    return Outlets(
+        share=(share1, share2),
+        level_cm=(h1, h2),
+        watched_ns=now_ns,
+        earlier=(earlier1 + weight * (share1 - earlier1), earlier2 + weight * (share2 - earlier2)),
+        drain_s=(2.0 * A3 * root3 / (a3 * s), 2.0 * A4 * root4 / (a4 * s)),
+    )
 
 
 def peak_levels(model: TankModel, lag_s: float, level_cm: Quad, pump_V: Pair, open_share: Pair = (1.0, 1.0)) -> Quad:

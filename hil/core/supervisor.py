@@ -269,6 +269,7 @@ def _situation(limits: Limits, state: Supervision, inputs: Inputs, now_ns: int, 
         pump_V=(max(c1, a1, b1), max(c2, a2, b2)),
         mismatch_s=(now_ns - since_ns) * 1e-9 if since_ns >= 0 else 0.0,
         open_share=belief.open_share,
+        live_cm=belief.live_cm,
     )
 
 

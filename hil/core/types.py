@@ -256,6 +256,8 @@ class Diagnosis:
     unproven : (2,) pumps that may deliver nothing: a pump that was at rest when the other failed and has not been
     driven since, a pump that is dead if the most likely hypothesis is true, a pump whose upper tank gets no inflow.
     is_blind : a level has no sensor, and the model can no longer estimate it.
+    refuted : (4,) sensors that are not trusted and can't show the level, whatever the fault: they keep no veto on high
+    levels. A sensor that may drift because a leak or a blockage moves the level is not refuted.
     """
 
     effectiveness: Pair = (1.0, 1.0)
@@ -266,6 +268,7 @@ class Diagnosis:
     is_diverged: bool = False
     unproven: tuple[bool, bool] = (False, False)
     is_blind: bool = False
+    refuted: tuple[bool, bool, bool, bool] = (False, False, False, False)
 
     @property
     def has_fault(self) -> bool:

@@ -9,6 +9,7 @@ from tests.faults.faults_bench import RIM_CM, assert_no_trip, fault, first, play
 from tests.narrowing import not_none
 
 AT_S = 25.0
+MINUTE_NS = 60_000_000_000
 TANKS = (1, 2, 3, 4)
 SPLIT = (0.70, 0.60)
 PUMP_KINDS = ("pump_effectiveness", "pump_dead", "pump_stuck_on", "pump_lag")
@@ -43,6 +44,23 @@ def test_case_42_outlet_blocked(tank: int, method: str) -> None:
     assert run.cause == "high_level", run.told
     assert method == "none" or run.names == [f"outlet_block {tank}"], run.told
     assert max(max(truth.levels_cm) for truth in run.keeper.truths) < RIM_CM
+
+
+@pytest.mark.parametrize("rate_1_s", first(1, 0.02, 0.005, 0.001))
+@pytest.mark.parametrize("tank", first(1, 1, 2))
+def test_case_42_outlet_clogs(tank: int, rate_1_s: float) -> None:
+    """Before the rim also where it grows and is taken for a sensor drift, and with the upper tank drained afterwards.
+
+    The tank overflowed without a trip: the model's level replaced the sensor's, which showed 19 cm.
+    """
+    clogging = fault("outlet_block", AT_S, tank, 0.95, ramp_s=0.95 / rate_1_s)
+    scenario = scenario_data(
+        clogging, duration_s=AT_S + 40.0 + 0.5 / rate_1_s, method="glr", emulator={"parameter_spread": 0.03}
+    )
+    run = play(scenario, seed=3)
+    run.emulator.advance(run.emulator.now_ns + MINUTE_NS)
+    assert run.emulator.truth().spilled_cm3 == 0.0, run.told
+    assert run.cause in ("high_level", ""), run.told
 
 
 @pytest.mark.parametrize("by", first(1, 0.15, -0.15))

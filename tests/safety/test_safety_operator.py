@@ -246,7 +246,7 @@ def test_a_foreign_command_and_a_reboot_stand_for_the_rest_of_the_run() -> None:
 def test_a_failed_step_keeps_what_was_seen_of_the_outlets() -> None:
     loop = bench()
     loop.step(12)
-    seen = loop.loop._state.outlets
+    seen = loop.loop._state.monitors.outlets
     assert seen.level_cm is not None
     loop.told.verdict = Diagnosis((math.nan, 1.0))
     loop.step()

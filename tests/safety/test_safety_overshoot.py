@@ -130,16 +130,44 @@ def test_with_a_model_that_is_5_percent_wrong_a_clean_outlet_looks_clean() -> No
 
 
 def test_the_open_share_is_never_more_than_a_clean_outlet_nor_nothing() -> None:
-    assert Outlets((1.3, 0.7)).open_share == (1.0, 0.7)
-    assert Outlets((0.7, 1.3)).open_share == (0.7, 1.0)
-    assert Outlets((-0.2, 0.0)).open_share == (MIN_SHARE, MIN_SHARE)
+    for share, expected in (
+        ((1.3, 0.7), (1.0, 0.7)),
+        ((0.7, 1.3), (0.7, 1.0)),
+        ((-0.2, 0.0), (MIN_SHARE, MIN_SHARE)),
+    ):
+        assert Outlets(share, earlier=share).open_share == expected
     assert Outlets().open_share == (1.0, 1.0)
+
+
+def test_a_share_that_falls_is_extrapolated_until_the_tank_above_has_drained() -> None:
+    """0.1 below the earlier one is 1 % a second, and the share is 3 s old; a share that rises is taken as it is."""
+    falling = Outlets((0.8, 0.7), earlier=(0.9, 0.9), drain_s=(20.0, 10.0))
+    assert falling.open_share == pytest.approx((0.8 - 0.01 * 23.0, 0.7 - 0.02 * 13.0))
+    assert replace(falling, earlier=(0.7, 0.6)).open_share == (0.8, 0.7)
+    assert replace(falling, earlier=(1.8, 0.9)).open_share[0] == MIN_SHARE
+
+
+@pytest.mark.parametrize(("tank", "drain_s"), [(0, 22.8), (1, 30.1)])
+def test_an_outlet_that_clogs_goes_on_clogging_after_a_trip(tank: int, drain_s: float) -> None:
+    """At 2 %/s the tank above drained into one whose outlet had shut meanwhile: 0.5 cm over the rim after a trip."""
+    level, seen = np.array(equilibrium(BENCH, (3.0, 3.0))), Outlets()
+    for number in range(250):
+        open_now = 1.0 - 0.001 * number
+        shares = [open_now if i == tank else 1.0 for i in range(4)]
+        a1, a2, a3, a4 = (a * share for a, share in zip(BENCH.outlet_cm2, shares, strict=True))
+        true = replace(BENCH, outlet_cm2=(a1, a2, a3, a4))
+        level = level + 0.1 * np.array(level_rates(true, tuple(level), (3.0, 3.0)))
+        seen = watch(BENCH, seen, tuple(level.tolist()), (3.0, 3.0), (number + 1) * DT_NS)
+    assert seen.drain_s[tank] == pytest.approx(drain_s, abs=0.1)
+    assert seen.open_share[tank] == pytest.approx(open_now - 0.01 * drain_s, abs=0.06)
+    assert seen.open_share[1 - tank] > 0.98
 
 
 def test_the_first_look_and_a_look_at_the_same_time_say_nothing() -> None:
     at = equilibrium(BENCH, (3.0, 3.0))
     first = watch(BENCH, Outlets((0.5, 0.6)), at, (0.0, 0.0), SECOND)
     assert first == Outlets((0.5, 0.6), at[:2], SECOND)
+    assert watch(BENCH, Outlets(earlier=(0.3, 0.4)), at, (0.0, 0.0), SECOND).earlier == (0.3, 0.4)
     again = watch(BENCH, first, (1.0, 2.0, 3.0, 4.0), (0.0, 0.0), SECOND)
     assert again == Outlets((0.5, 0.6), (1.0, 2.0), SECOND)
 

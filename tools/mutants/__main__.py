@@ -31,6 +31,7 @@ WIRE_TESTS = ("tests/wire/test_wire_checks.py",)
 SAFETY: dict[str, tuple[str, ...]] = {
     "hil.core.supervisor": SUPERVISOR_TESTS,
     "hil.core.interlocks": SUPERVISOR_TESTS,
+    "hil.core.live_levels": ("tests/safety/test_safety_live_levels.py",),
     "hil.wire.frame_check": WIRE_TESTS,
 }
 """Safety module, and the tests that have to kill all its mutants, the quickest first."""

@@ -11,7 +11,9 @@ from pathlib import Path
 from tools.mutants.generate import Mutant, Site, mutant_at, sites_of
 from tools.mutants.run import Target
 
-MUST_BE_COMPLETE = frozenset({"hil.core.supervisor", "hil.core.interlocks", "hil.wire.frame_check"})
+MUST_BE_COMPLETE = frozenset(
+    {"hil.core.supervisor", "hil.core.interlocks", "hil.core.live_levels", "hil.wire.frame_check"}
+)
 """Every mutant of these is run anyway."""
 
 SAME_FOR_MYPY = re.compile(r"@dataclass\(.*(frozen|slots)=")

@@ -131,6 +131,7 @@ class GlrDetector:
             return Diagnosis(new_alarms=tuple(alarms), level_V=level_V, is_diverged=self._is_diverged(m, h1))
         stuck = [j in m.declared and m.declared[j].kind == "pump_stuck_on" for j in PUMPS]
         distrusted = [m.distrusted(i) for i in range(4)]
+        refuted = [i in m.lost and m.lost[i].kind != "sensor_drift" for i in range(4)]
         return Diagnosis(
             effectiveness=declaration.effectiveness(m),
             new_alarms=tuple(alarms),
@@ -140,6 +141,7 @@ class GlrDetector:
             is_diverged=self._is_diverged(m, h1),
             unproven=declaration.unproven(self.config, m),
             is_blind=declaration.is_blind(m),
+            refuted=(refuted[0], refuted[1], refuted[2], refuted[3]),
         )
 
     def _is_diverged(self, m: Memory, level_cm: float) -> bool:
