@@ -83,9 +83,9 @@ NO_BELIEF = Belief()
 class Situation:
     """The inputs of an interlock.
 
-    level_cm : (4,) of `levels_cm`. pump_V : (2,) the most that a pump may still deliver. mismatch_s : how long the
-    applied voltages have differed from the echoed command. open_share : (2,) of the lower tanks' outlets. live_cm :
-    (4,) levels of sensors that are not trusted, -inf for others.
+    level_cm : (4,) of `levels_cm`. pump_V : (2,) the most that a pump may still deliver, as a voltage of a nominal
+    pump. mismatch_s : how long the applied voltages have differed from the echoed command. open_share : (2,) of the
+    lower tanks' outlets. live_cm : (4,) levels of sensors that are not trusted, -inf for others.
     """
 
     inputs: Inputs

@@ -262,11 +262,12 @@ def _mismatches(limits: Limits, inputs: Inputs) -> bool:
 def _situation(limits: Limits, state: Supervision, inputs: Inputs, now_ns: int, belief: Belief) -> Situation:
     since_ns = state.mismatch_since_ns
     (c1, c2), (a1, a2), (b1, b2) = state.command_V, inputs.pumps.applied_V, belief.pump_V
+    theta1, theta2 = belief.diagnosis.effectiveness
     return Situation(
         inputs=inputs,
         diagnosis=belief.diagnosis,
         level_cm=levels_cm(limits, inputs, belief),
-        pump_V=(max(c1, a1, b1), max(c2, a2, b2)),
+        pump_V=(max(theta1, 1.0) * max(c1, a1, b1), max(theta2, 1.0) * max(c2, a2, b2)),
         mismatch_s=(now_ns - since_ns) * 1e-9 if since_ns >= 0 else 0.0,
         open_share=belief.open_share,
         live_cm=belief.live_cm,

@@ -249,10 +249,10 @@ UNRESOLVED = "unresolved"
 class Diagnosis:
     """The current result of the diagnosis.
 
-    effectiveness : (2,) remaining share of each pump's gain. new_alarms : the alarms of this step.
-    trusted : (4,) sensors whose readings may be used. level_V : (4,) levels of the filter of the diagnosis, to use
-    for sensors that are not trusted; None if it has no filter. stuck_on : (2,) pumps whose flow does not follow the
-    command. is_diverged : no known fault explains the readings any more.
+    effectiveness : (2,) each pump's gain over the healthy one; above 1 it gives more than its file says. new_alarms :
+    the alarms of this step. trusted : (4,) sensors whose readings may be used. level_V : (4,) levels of the filter
+    of the diagnosis, to use for sensors that are not trusted; None if it has no filter. stuck_on : (2,) pumps whose
+    flow does not follow the command. is_diverged : no known fault explains the readings any more.
     unproven : (2,) pumps that may deliver nothing: a pump that was at rest when the other failed and has not been
     driven since, a pump that is dead if the most likely hypothesis is true, a pump whose upper tank gets no inflow.
     is_blind : a level has no sensor, and the model can no longer estimate it.

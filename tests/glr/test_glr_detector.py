@@ -8,6 +8,7 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
+from hil.core.diagnosis.glr.declaration import MAX_EFFECTIVENESS
 from hil.core.diagnosis.glr.glr_detector import GlrDetector
 from hil.core.diagnosis.glr.memory import Memory
 from hil.core.diagnosis.glr.tuning import Tuning
@@ -287,7 +288,7 @@ def test_whatever_is_read_the_verdict_is_finite_and_in_range(rows: list[tuple[An
     for number, (*levels, valid) in enumerate(rows):
         reading = Measurement(quad(levels), (valid,) * 4, 0.0, 5, (1e-5,) * 4, (5e-6,) * 4, (0,) * 4, (0,) * 4)
         memory, verdict = detector.step(memory, 2.0 + number * PERIOD_S, reading, NO_ESTIMATE, (3.0, 3.0))
-        assert all(0.0 <= theta <= 1.0 for theta in verdict.effectiveness)
+        assert all(0.0 <= theta <= MAX_EFFECTIVENESS for theta in verdict.effectiveness)
         assert all(math.isfinite(level) for level in not_none(verdict.level_V)) or verdict.is_diverged
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.core.diagnosis.glr import declaration
+from hil.core.diagnosis.glr import stuck_check
 from hil.core.diagnosis.glr.filter import READING, VARIANCE, VOLTAGE
 from hil.core.diagnosis.glr.memory import Declared, Memory, StuckCheck
 from hil.core.diagnosis.glr.tuning import Tuning
@@ -73,7 +73,7 @@ def test_a_pump_is_stuck_only_when_its_voltage_has_moved_by_15_per_cent(
 ) -> None:
     memory, voltage_V = a_memory(), 3.0
     memory.declared[pump] = Declared("pump_effectiveness", -0.4, 1.0, 7, 20.0, 21.0)
-    memory.stuck_check = StuckCheck(
+    check = memory.stuck_checks[pump] = StuckCheck(
         pump=pump,
         number=7,
         detected_s=20.0,
@@ -85,6 +85,6 @@ def test_a_pump_is_stuck_only_when_its_voltage_has_moved_by_15_per_cent(
     )
     memory.entry[VOLTAGE + pump] = voltage_V * (1.0 + sign * moved)
     enough = 1.01 * DETECTOR.config.tuning.detect
-    alarms = declaration.watch_stuck(DETECTOR.config, memory, 0.0, enough)
+    alarms = stuck_check.judge(DETECTOR.config, memory, check, 0.0, enough)
     assert [(alarm.kind, alarm.target, alarm.number) for alarm in alarms] == [("pump_stuck_on", pump + 1, 7)] * is_stuck
-    assert (memory.stuck_check is None) is is_stuck
+    assert (pump not in memory.stuck_checks) is is_stuck

@@ -268,3 +268,20 @@ def commands_s_of_whole_lines(log: Path) -> list[float]:
     """Times of the commands in a can.log that may end in the middle of a line."""
     lines = log.read_text().split("\n")[:-1]
     return [float(line[1 : line.index(")")]) for line in lines if " 201#" in line]
+
+
+GLR = '[scenario]\nname = "glr"\nduration_s = 60.0\n[diagnosis]\nmethod = "glr"\n[control]\ndesign = "rig"\n'
+
+
+def test_case_48_the_time_of_a_stop_is_no_fault_of_a_pump(tmp_path: Path) -> None:
+    """Stopped for 0.3 s, the controller reported a pump stuck on beside the node's trip."""
+    scenario = tmp_path / "glr.toml"
+    scenario.write_text(GLR)
+    with emulator(tmp_path / "node.jsonl") as rig, controller(scenario, rig.channel, tmp_path / "run", *PLAIN) as run:
+        rig.wait_until_it_runs(changes=40)
+        run.process.send_signal(signal.SIGSTOP)
+        time.sleep(0.3)
+        run.process.send_signal(signal.SIGCONT)
+        assert run.wait(10.0) == 3, (run.out, run.err)
+    assert trip_of(run)["cause"] == "node_tripped"
+    assert run.json("kpi.json")["alarms"] == []

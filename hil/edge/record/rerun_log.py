@@ -35,7 +35,7 @@ FLUSH_TIMEOUT_S = 2.0
 CALL_TIMEOUT_S = 5.0
 """For each call of Rerun that reaches its file: one that meets a full disk may wait for ever."""
 COMPACT_TIMEOUT_S = 60.0
-HEALTHY_FROM, DEAD_BELOW = 0.995, 0.05  # effectiveness
+HEALTHY_FROM, STRONG_ABOVE, DEAD_BELOW = 0.995, 1.005, 0.05  # effectiveness
 
 # Backgrounds of the states, under white text.
 CALM, WARM, ALERT, DIM = 0x2F6B46FF, 0x8A6D1FFF, 0x97302AFF, 0x48698AFF
@@ -221,7 +221,11 @@ class RerunLog:
             self._states.setdefault(entity, []).append((t_s, state))
 
 
-_PUMP_STATES = (("nominal", "reduced", "dead"), ("nominal", "reduced", "dead"), (CALM, WARM, ALERT))
+_PUMP_STATES = (
+    ("nominal", "stronger", "reduced", "dead"),
+    ("nominal", "stronger", "reduced", "dead"),
+    (CALM, WARM, WARM, ALERT),
+)
 _STATES: dict[str, tuple[tuple[str, ...], tuple[str, ...], tuple[int, ...]]] = {
     "states/mode": (
         tuple(mode.name for mode in Mode),
@@ -236,6 +240,8 @@ _STATES: dict[str, tuple[tuple[str, ...], tuple[str, ...], tuple[int, ...]]] = {
 
 
 def _pump_state(effectiveness: float) -> str:
+    if effectiveness > STRONG_ABOVE:
+        return "stronger"
     if effectiveness >= HEALTHY_FROM:
         return "nominal"
     return "dead" if effectiveness < DEAD_BELOW else "reduced"

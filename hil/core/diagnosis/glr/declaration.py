@@ -5,18 +5,17 @@ Why this method: `docs/decisions/0009-diagnosis-by-likelihood-ratios.md`.
 
 from __future__ import annotations
 
-from dataclasses import replace
-from math import nan, sqrt
+from math import inf, nan, sqrt
 
-from hil.core.diagnosis.glr import inflow_check
+from hil.core.diagnosis.glr import inflow_check, stuck_check
 from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE
 from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, PUMPS, SPLITS
-from hil.core.diagnosis.glr.memory import Declared, DetectorConfig, Lost, Memory, StuckCheck, Suspicion
+from hil.core.diagnosis.glr.memory import Declared, DetectorConfig, Lost, Memory, Suspicion
 from hil.core.diagnosis.glr.model import BIAS, DRIFT, GAIN, LAG, LEAK, OUTLET, PUMP, SPLIT, Array
 from hil.core.types import UNRESOLVED, Alarm, Pair
 
-STUCK_MOVED = 0.15
-"""A pump is called stuck only when its voltage has moved by this share and its flow has not."""
+MAX_EFFECTIVENESS = 2.0
+"""The control law assumes no more; a pump that seems to give more is more likely to be stuck than that strong."""
 
 IDLE_V = 0.5
 """Below this voltage a pump's effectiveness does not show."""
@@ -56,8 +55,10 @@ def declare(config: DetectorConfig, m: Memory, j: int, before: Array, onset: int
     if kind == "sensor_drift" and not is_recovery:
         _exclude_sensor(m, jump.target - 1, kind, number)
     if j in PUMPS:
-        is_loss = not is_recovery and kind == "pump_effectiveness"
-        m.stuck_check = _begin_stuck_check(config, m, j, number, detected_s, onset_s) if is_loss else None
+        if is_recovery:
+            m.stuck_checks.pop(j, None)
+        elif kind == "pump_effectiveness":
+            stuck_check.begin(config, m, j, number, detected_s, onset_s)
     return Alarm(
         detected_s=suspicion.detected_s if is_recovery else detected_s,
         kind=kind,
@@ -109,43 +110,32 @@ def unresolved(m: Memory, suspicion: Suspicion, numbers: list[int]) -> Alarm:
     )
 
 
+def close(m: Memory, suspicion: Suspicion, alarms: list[Alarm]) -> list[Alarm]:
+    """The end of an unresolved alarm whose fault turned out to have a number already."""
+    if suspicion.number is None or any(alarm.number == suspicion.number for alarm in alarms):
+        return []
+    return [
+        Alarm(
+            detected_s=m.t_s,
+            kind=UNRESOLVED,
+            target=0,
+            size=nan,
+            onset_s=m.t_s,
+            candidates=alarms[0].candidates,
+            number=suspicion.number,
+            is_recovery=True,
+        )
+    ]
+
+
 def effectiveness(m: Memory) -> Pair:
-    """(2,) the share of each pump's gain that is left; exactly 1 unless a loss was declared."""
+    """(2,) each pump's gain over the healthy one; exactly 1 unless a change was declared."""
     left = [1.0, 1.0]
     for pump in PUMPS:
         fault = m.declared.get(pump)
         if fault is not None and fault.kind == "pump_effectiveness":
-            left[pump] = min(max(float(m.x[GAIN + pump]) / fault.healthy, 0.0), 1.0)
+            left[pump] = min(max(float(m.x[GAIN + pump]) / fault.healthy, 0.0), MAX_EFFECTIVENESS)
     return left[0], left[1]
-
-
-def watch_stuck(config: DetectorConfig, m: Memory, log_likelihood: float, stuck_likelihood: float) -> list[Alarm]:
-    """Whether the pump that seemed to have lost gain is stuck instead: its flow does not follow its voltage."""
-    p = m.stuck_check
-    if p is None:
-        return []
-    p.evidence += stuck_likelihood - log_likelihood
-    if m.t_s > p.until_s:
-        m.stuck_check = None
-    moved = abs(float(m.entry[VOLTAGE + p.pump]) - p.voltage_V) / p.voltage_V
-    if p.evidence < config.tuning.detect or moved < STUCK_MOVED:
-        return []
-    m.stuck_check = None
-    fault = m.declared[p.pump]
-    m.declared[p.pump] = replace(fault, kind="pump_stuck_on")
-    flow_V = float(p.x[GAIN + p.pump] * p.x[PUMP + p.pump]) / fault.healthy
-    name = f"pump_stuck_on {p.pump + 1}"
-    alarm = Alarm(
-        detected_s=p.detected_s,
-        kind="pump_stuck_on",
-        target=p.pump + 1,
-        size=flow_V,
-        onset_s=p.onset_s,
-        isolated_s=m.t_s,
-        candidates=(name,),
-        number=p.number,
-    )
-    return [alarm]
 
 
 def watch_unproven(m: Memory) -> None:
@@ -194,9 +184,10 @@ def _shown(config: DetectorConfig, m: Memory, j: int, healthy: float) -> tuple[f
     jump = JUMPS[j]
     now, model = float(m.x[jump.state]), config.model
     if jump.state < SPLIT:
-        stuck = m.declared[j].kind == "pump_stuck_on" if j in m.declared else now > healthy
+        stuck = j in m.declared and m.declared[j].kind == "pump_stuck_on"
         unit = (float(m.x[PUMP + jump.target - 1]) if stuck else 1.0) / healthy
-        return now * unit, unit
+        low, high = config.range_V if stuck else (0.0, inf)
+        return min(max(now * unit, low), high), unit
     if jump.state < OUTLET:
         unit = float(model.valve_split[jump.target - 1] if jump.state < LAG else model.lag_s)
         return now * unit, unit
@@ -224,22 +215,3 @@ def _exclude_sensor(m: Memory, sensor: int, kind: str, number: int) -> None:
     m.forget(DRIFT + sensor)
     for j in [j for j in m.declared if JUMPS[j].state in (BIAS + sensor, DRIFT + sensor)]:
         del m.declared[j]
-
-
-def _begin_stuck_check(
-    config: DetectorConfig, m: Memory, pump: int, number: int, detected_s: float, onset_s: float
-) -> StuckCheck:
-    x = m.x.copy()
-    voltage_V = max(float(m.entry[VOLTAGE + pump]), 0.1)
-    x[GAIN + pump] *= float(x[PUMP + pump]) / voltage_V
-    x[PUMP + pump] = voltage_V
-    return StuckCheck(
-        pump=pump,
-        number=number,
-        detected_s=detected_s,
-        onset_s=onset_s,
-        until_s=m.t_s + config.tuning.stuck_check_s,
-        voltage_V=voltage_V,
-        x=x,
-        P=m.P.copy(),
-    )

@@ -67,7 +67,7 @@ def detection_bound_s(
     k, levels = model.level_gain_V_cm, equilibrium(model, operating_V)
     h1, h2, h3, h4 = levels
     m = Memory.begin(config, 0.0, Measurement((k * h1, k * h2, k * h3, k * h4), ALL, 0.0, 1), (0.0, 0.0))
-    entry = np.array([*operating_V, *(k * h for h in levels), *(noise_V**2,) * 4, reading_s, 1.0])
+    entry = np.array([*operating_V, *(k * h for h in levels), *(noise_V**2,) * 4, reading_s, 1.0, 0.0, 0.0])
     for _ in range(round(LEARNING_S / reading_s)):
         _quiet_step(config, m, entry, levels)
     m.restart_bank()

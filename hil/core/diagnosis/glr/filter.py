@@ -22,6 +22,7 @@ from hil.core.diagnosis.glr.model import (
     LEVEL,
     MOVING,
     OUTLET,
+    PUMP,
     SPLIT,
     Array,
     FilterModel,
@@ -29,9 +30,10 @@ from hil.core.diagnosis.glr.model import (
     predict,
 )
 
-ENTRY = 12
-VOLTAGE, READING, VARIANCE, PERIOD, WEIGHT = 0, 2, 6, 10, 11
-"""An entry: voltages applied (2) V, readings (4) V (NaN: none), variances (4) V^2, period s, weight of its end."""
+ENTRY = 14
+VOLTAGE, READING, VARIANCE, PERIOD, WEIGHT, DOUBT = 0, 2, 6, 10, 11, 12
+"""An entry: voltages applied (2) V, readings (4) V (NaN: none), variances (4) V^2, period s, weight of its end, and how
+wrong the lagged voltages at the start of the period may be, because what was applied is not known (2) V."""
 
 NO_READING_V2 = 1e6
 """Variance of a reading that isn't there."""
@@ -76,6 +78,8 @@ def filter_step(model: FilterModel, x: Array, P: Array, entry: Array, result: St
     A, K, innovation = result.A, result.K, result.innovation
     dt, weight = entry[PERIOD], entry[WEIGHT]
     level_before, bias_before = x[LEVEL : LEVEL + 4].copy(), x[BIAS : BIAS + 4].copy()
+    for j in range(2):
+        P[PUMP + j, PUMP + j] += entry[DOUBT + j] ** 2
     predict(model, x, entry[VOLTAGE : VOLTAGE + 2], dt, A)
     AP = _moved_covariance_rows(A, P)
     BP, S = _reading_covariance(model.level_gain_V_cm, dt, weight, A, P, AP)

@@ -10,14 +10,14 @@ Why this method: `docs/decisions/0009-diagnosis-by-likelihood-ratios.md`. Why th
 
 from __future__ import annotations
 
-from math import isfinite, nan
+from math import exp, isfinite, nan
 from typing import Any
 
-from hil.core.diagnosis.glr import declaration, drift_review, isolation, kernels, sensor_monitor
-from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE
+from hil.core.diagnosis.glr import declaration, drift_review, isolation, kernels, sensor_monitor, stuck_check
+from hil.core.diagnosis.glr.filter import DOUBT, PERIOD
 from hil.core.diagnosis.glr.hypotheses import PUMPS
 from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
-from hil.core.diagnosis.glr.model import LEVEL
+from hil.core.diagnosis.glr.model import LAG, LEVEL
 from hil.core.diagnosis.glr.replay import RING
 from hil.core.diagnosis.glr.tuning import Tuning
 from hil.core.estimator import Estimate
@@ -28,6 +28,15 @@ ALL = (True, True, True, True)
 MAX_READING_V = 100.0
 """A higher reading is not used, whatever range the rig file gives."""
 
+GAP_PERIODS = 1.5
+"""A period longer than so many of the one before has missing control steps in it."""
+
+LONG_GAP_S = 1.5
+"""After a longer time without known voltages the levels are learned again; the parameters are kept."""
+
+DROP_V = 0.5
+"""A voltage that falls to 0 V by more than this within a period was cut by the pump node or by a trip."""
+
 MAX_MEAN_SQUARE = 30.0
 """One step's mean square innovation counts for no more than this in the divergence test: a single jump is a fault."""
 
@@ -35,9 +44,19 @@ MAX_MEAN_SQUARE = 30.0
 class GlrDetector:
     """Generalised likelihood ratios over onset and hypothesis, isolation by replay. One memory a run."""
 
-    def __init__(self, model: TankModel, lag_s: float, noise_V: float, tuning: Tuning | None = None) -> None:
-        """lag_s, noise_V : the rig file's. Compiles what is not compiled yet, which takes a quarter of a minute."""
-        self.config = DetectorConfig.of(model, lag_s, noise_V, tuning or Tuning())
+    def __init__(
+        self,
+        model: TankModel,
+        lag_s: float,
+        noise_V: float,
+        tuning: Tuning | None = None,
+        range_V: Pair = (0.0, 10.0),
+    ) -> None:
+        """lag_s, noise_V, range_V (2,) of the pumps : the rig file's.
+
+        Compiles what is not compiled yet, which takes a quarter of a minute.
+        """
+        self.config = DetectorConfig.of(model, lag_s, noise_V, tuning or Tuning(), range_V)
         self._warm_up()
 
     def start(self) -> Memory | None:
@@ -89,30 +108,45 @@ class GlrDetector:
                     levels[i] = level_V[i]
             variances[i] = scale[i] * (sensor.current_variance / max(n, 1) + floor_V2)
         mean_age_s = measurement.age_s + 0.5 * dt * (n - 1) / n if n > 0 else 0.0
+        doubts = self._voltage_doubts(m, dt, applied_V)
+        if max(doubts) > 0.0:  # a mean over a time in which the flow changed at an unknown moment
+            levels = [nan] * 4
         # in the order of the layout of an entry, see `filter`
-        m.entry[:] = (*applied_V, *levels, *variances, dt, min(max(1.0 - mean_age_s / dt, 0.0), 1.0))
+        m.entry[:] = (*applied_V, *levels, *variances, dt, min(max(1.0 - mean_age_s / dt, 0.0), 1.0), *doubts)
+
+    def _voltage_doubts(self, m: Memory, dt: float, applied_V: Pair) -> tuple[float, float]:
+        """(2,) V, how wrong the lagged voltages are taken to be at the start of a period of dt seconds.
+
+        A pump node reports what it applies now. Where control steps are missing, or where the node itself went to 0 V,
+        the moment of the change is unknown; the uncertain volume is put on the lagged voltage.
+        """
+        before_V, m.applied_V = m.applied_V, applied_V
+        is_gap = dt > GAP_PERIODS * m.usual_s
+        if not is_gap:
+            m.usual_s = dt
+        doubts = [0.0, 0.0]
+        for j in PUMPS:
+            change_V = abs(applied_V[j] - before_V[j])
+            if change_V > 0.0 and (is_gap or (applied_V[j] == 0.0 and change_V > DROP_V)):
+                lag_s = self.config.model.lag_s * float(m.x[LAG + j])
+                doubts[j] = change_V * dt / (lag_s * (1.0 - exp(-dt / lag_s)))
+        return doubts[0], doubts[1]
 
     def _filter(self, m: Memory) -> list[Alarm]:
         """One step of filter and bank."""
         model, entry = self.config.model, m.entry
         likelihood = kernels.filter_step(model, m.x, m.P, entry, m.result)
         m.history.no_jump[m.now % RING] = likelihood
-        alarms = self._watch_stuck_pump(m, likelihood)
+        alarms = stuck_check.step(self.config, m, likelihood)
         slot, m.max_ratio = kernels.update_bank(
             model.level_gain_V_cm, m.now, entry, m.result, m.bank, m.min_jumps(), m.best
         )
         m.keep_filter(slot)
+        if entry[PERIOD] > LONG_GAP_S and max(entry[DOUBT : DOUBT + 2]) > 0.0:
+            m.forget_levels()
         if m.suspicion is None:
             self._learn_noise(m)
         return alarms
-
-    def _watch_stuck_pump(self, m: Memory, likelihood: float) -> list[Alarm]:
-        p = m.stuck_check
-        if p is None:
-            return []
-        entry = m.entry.copy()
-        entry[VOLTAGE + p.pump] = p.voltage_V
-        return declaration.watch_stuck(self.config, m, likelihood, self.config.filter_beside(p.x, p.P, entry))
 
     def _learn_noise(self, m: Memory) -> None:
         """Assume more noise where innovations are larger than expected, but not while a fault may be the reason."""

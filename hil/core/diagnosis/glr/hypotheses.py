@@ -1,7 +1,7 @@
 """The fault hypotheses: each is a jump of one state of the filter.
 
-A row of `JUMPS` is one state that may jump. What a jump is called depends on its sign, and on what has already been
-declared of that state: only a pump that has lost gain may gain some again.
+A row of `JUMPS` is one state that may jump. What a jump is called depends on its sign. A pump whose flow does not
+follow its voltage is a jump of its gain at first, see `stuck_check`.
 """
 
 from __future__ import annotations
@@ -32,7 +32,10 @@ class Jump:
 BIAS_PRIOR_V, BIASES_V = 0.5, (0.005, 11.0)
 
 JUMPS: tuple[Jump, ...] = (
-    *(Jump(GAIN + j, j + 1, "pump_stuck_on", "pump_effectiveness", 0.5, (0.05, 20.0), (0.01, 1.5)) for j in range(2)),
+    *(
+        Jump(GAIN + j, j + 1, "pump_effectiveness", "pump_effectiveness", 0.5, (0.05, 20.0), (0.01, 1.5))
+        for j in range(2)
+    ),
     *(Jump(SPLIT + j, j + 1, "valve_split", "valve_split", 0.2, (0.01, 1.0), (0.01, 1.0)) for j in range(2)),
     *(Jump(LAG + j, j + 1, "pump_lag", "", 4.0, (0.5, 50.0), (0.5, 1.0)) for j in range(2)),
     *(Jump(OUTLET + i, i + 1, "leak", "outlet_block", 0.4, (0.01, 5.0), (0.01, 1.2)) for i in range(2)),

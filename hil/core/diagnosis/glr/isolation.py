@@ -9,7 +9,7 @@ from math import sqrt
 
 import numpy as np
 
-from hil.core.diagnosis.glr import declaration, drift_review, kernels, rollback
+from hil.core.diagnosis.glr import declaration, drift_review, kernels, rollback, stuck_check
 from hil.core.diagnosis.glr.bank import SLOTS
 from hil.core.diagnosis.glr.declaration import IDLE_V
 from hil.core.diagnosis.glr.filter import VOLTAGE
@@ -193,7 +193,9 @@ def _settle(config: DetectorConfig, m: Memory, suspicion: Suspicion, winner: int
     _loosen(config, m, winner, before)
     if winner in PUMPS and not _is_known(config, m, 1 - winner):
         m.unproven = (1 - winner, 0.0)
+    stuck_check.credit(m, float(r.evidence[winner]))
     alarms = [declaration.declare(config, m, j, before, onset, suspicion) for j in jumps_of(winner)]
+    alarms += declaration.close(m, suspicion, alarms)
     m.restart_bank()
     if has_explained:
         _refilter(config, m, int(r.fit[winner]))

@@ -6,7 +6,7 @@ Why in place: `docs/decisions/0010-numba.md`.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import nan
+from math import inf, nan
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +28,9 @@ EMPTY_STDS = 6.0
 MIN_LAG_S = 1e-3
 """The filter divides by the lag."""
 
+UNKNOWN_LEVEL_CM = 5.0
+"""Standard deviation of a level of which nothing is known."""
+
 START_LEVEL_STD_V = 0.005
 """How far the first level may be off its reading, besides the noise."""
 
@@ -37,15 +40,19 @@ class DetectorConfig:
     """What doesn't change during a run: tuning, the rig's numbers, noise_V of a reading.
 
     empty_V : below it a tank may be empty, where a converter cuts the noise off: such readings are not used.
+    range_V : (2,) of the pumps' voltages.
     """
 
     tuning: Tuning
     model: FilterModel
     noise_V: float
     empty_V: float
+    range_V: Pair
 
     @classmethod
-    def of(cls, model: TankModel, lag_s: float, noise_V: float, tuning: Tuning) -> DetectorConfig:
+    def of(
+        cls, model: TankModel, lag_s: float, noise_V: float, tuning: Tuning, range_V: Pair = (0.0, 10.0)
+    ) -> DetectorConfig:
         """From the rig file's numbers."""
         walk = np.zeros(N)
         walk[LEVEL : LEVEL + 4] = tuning.level_walk_cm**2
@@ -61,7 +68,8 @@ class DetectorConfig:
             level_gain_V_cm=model.level_gain_V_cm,
             height_cm=model.height_cm,
         )
-        return cls(tuning=tuning, model=filter_model, noise_V=noise_V, empty_V=EMPTY_STDS * noise_V)
+        empty_V = EMPTY_STDS * noise_V
+        return cls(tuning=tuning, model=filter_model, noise_V=noise_V, empty_V=empty_V, range_V=range_V)
 
     def filter_beside(self, x: Array, P: Array, entry: Array) -> float:
         """One step of a filter beside the main one, in place; the log-likelihood of the readings."""
@@ -91,9 +99,10 @@ class Lost(NamedTuple):
 
 @dataclass(slots=True)
 class StuckCheck:
-    """A pump that has lost gain, checked for being stuck, with the filter of a pump whose flow stays as it is.
+    """A pump whose gain has changed, checked for being stuck, with the filter of a pump whose flow stays as it is.
 
-    pump : 0 or 1. evidence : log-likelihood ratio against the loss. until_s : run time at which the check ends.
+    pump : 0 or 1. voltage_V : at which it gave that flow. evidence : log-likelihood ratio against changes of the gain.
+    until_s : run time at which the check ends.
     """
 
     pump: int
@@ -164,15 +173,16 @@ class Checkpoint:
 class Memory:
     """The filter (x, P), the bank and its history, what was learned of the sensors, and what was declared.
 
-    result : of the last filter step. scale : (4,) by how much the innovations' variance exceeds what the sensors'
-    noise explains. best, max_ratio : the bank's answer, by hypothesis, and the greatest ratio of all.
-    declared : by place in JUMPS. scratch : replays for trying onsets. usable : whether the filter uses a sensor's
-    readings. lost : the sensors that it does not use. agrees : for how many steps a lost sensor has agreed with the
-    filter. noisy : numbers of the alarms of noisy sensors. is_doubtful : whether a sensor that is used repeats
-    itself so often that it may be stuck. mean_square : running mean square of the whitened innovations. verdicts_s :
-    run times of the latest verdicts. rival : to the latest drift. checkpoint : from before the latest verdict. unproven
-    : the pump that was at rest when the other one failed, and for how long it has been driven since; None when both are
-    known to work.
+    result : of the last filter step. applied_V : (2,) at the last step. usual_s : the last period without a gap.
+    scale : (4,) by how much the innovations' variance exceeds what the sensors' noise explains. best, max_ratio :
+    the bank's answer, by hypothesis, and the greatest ratio of all. declared : by place in JUMPS. stuck_checks : by
+    pump, from 0. scratch : replays for trying onsets. usable : whether the filter uses a sensor's readings. lost :
+    the sensors that it does not use. agrees : for how many steps a lost sensor has agreed with the filter. noisy :
+    numbers of the alarms of noisy sensors. is_doubtful : whether a sensor that is used repeats itself so often that
+    it may be stuck. mean_square : running mean square of the whitened innovations. verdicts_s : run times of the
+    latest verdicts. rival : to the latest drift. checkpoint : from before the latest verdict. unproven : the pump
+    that was at rest when the other one failed, and for how long it has been driven since; None when both are known
+    to work.
     """
 
     x: Array
@@ -186,6 +196,8 @@ class Memory:
     scratch: Replays = field(default_factory=Replays.empty)
     times_s: list[float] = field(default_factory=lambda: [nan] * RING)
     result: StepResult = field(default_factory=StepResult.empty)
+    applied_V: Pair = (0.0, 0.0)
+    usual_s: float = inf
     scale: Array = field(default_factory=lambda: np.ones(4))
     best: Best = field(default_factory=Best.empty)
     max_ratio: float = 0.0
@@ -197,7 +209,7 @@ class Memory:
     is_doubtful: bool = False
     declared: dict[int, Declared] = field(default_factory=dict)
     suspicion: Suspicion | None = None
-    stuck_check: StuckCheck | None = None
+    stuck_checks: dict[int, StuckCheck] = field(default_factory=dict)
     rival: Rival | None = None
     alarms: int = 0
     verdicts_s: tuple[float, ...] = ()
@@ -217,7 +229,7 @@ class Memory:
         variance[GAIN:LEAK] = tuning.parameter_std**2
         variance[LAG : LAG + 2] = tuning.lag_std**2
         sensors = [SensorStatistics(config.noise_V**2) for _ in range(4)]
-        memory = cls(x=x, P=np.diag(variance), sensors=sensors, t_s=t_s)
+        memory = cls(x=x, P=np.diag(variance), sensors=sensors, t_s=t_s, applied_V=applied_V)
         memory.times_s[0] = t_s
         memory.open_slot()
         return memory
@@ -251,6 +263,13 @@ class Memory:
         """Reset a fault's state to zero, with zero variance."""
         self.x[state] = 0.0
         self.P[state, :] = self.P[:, state] = 0.0
+
+    def forget_levels(self) -> None:
+        """Take the levels from the next readings alone; what is known of the parameters stays as it is."""
+        for state in range(LEVEL, LEVEL + 4):
+            self.P[state, :] = self.P[:, state] = 0.0
+            self.P[state, state] = UNKNOWN_LEVEL_CM**2
+        self.restart_bank()
 
     def min_jumps(self) -> MinJumps:
         """The smallest jumps that count; what has been declared may also go back."""

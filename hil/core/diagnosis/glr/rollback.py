@@ -21,7 +21,7 @@ def go_back(m: Memory, step: int) -> tuple[int, list[tuple[int, Declared]]]:
     if not old_enough and checkpoint is not None and checkpoint.onset >= step - SAME_STEPS:
         m.x[:], m.P[:] = checkpoint.x, checkpoint.P
         withdrawn = [(j, fault) for j, fault in m.declared.items() if j not in checkpoint.declared]
-        m.declared, m.checkpoint, m.stuck_check = dict(checkpoint.declared), None, None
+        m.declared, m.checkpoint, m.stuck_checks = dict(checkpoint.declared), None, {}
         return checkpoint.step, withdrawn
     slot = max(old_enough, key=lambda s: int(b.onset[s])) if old_enough else min(known, key=lambda s: int(b.onset[s]))
     m.x[:], m.P[:] = m.history.x[slot], m.history.P[slot]

@@ -1,0 +1,107 @@
+"""Stuck check: whether the flow of a pump whose gain has changed still follows its voltage.
+
+A pump that is stuck at some flow looks like one with another gain until its voltage changes. So after each change of a
+gain a filter in which that pump's flow stays as it was continues beside the main filter, which follows the voltage
+with the gain that was found. The law moves the voltage by what the pump lost or gained, and that tells the two apart:
+either the flow has followed, and the check ends, or it has not. Another change of the gain meanwhile is credited to
+the main filter, with the evidence that it was declared for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from hil.core.diagnosis.glr.filter import DOUBT, VOLTAGE
+from hil.core.diagnosis.glr.memory import DetectorConfig, Memory, StuckCheck
+from hil.core.diagnosis.glr.model import GAIN, PUMP
+from hil.core.types import Alarm
+
+STUCK_MOVED = 0.15
+"""A pump is called stuck only when its voltage has moved by this share and its flow has not."""
+
+MIN_VOLTAGE_V = 0.1
+
+
+def begin(config: DetectorConfig, m: Memory, pump: int, number: int, detected_s: float, onset_s: float) -> None:
+    """Check a pump (0, 1) whose gain was just declared changed; a check that is under way continues for longer."""
+    until_s = m.t_s + config.tuning.stuck_check_s
+    under_way = m.stuck_checks.get(pump)
+    if under_way is not None:
+        m.stuck_checks[pump] = replace(
+            under_way, number=number, detected_s=detected_s, onset_s=onset_s, until_s=until_s
+        )
+        return
+    x = m.x.copy()
+    voltage_V = max(float(m.entry[VOLTAGE + pump]), MIN_VOLTAGE_V)
+    x[GAIN + pump] *= float(x[PUMP + pump]) / voltage_V
+    x[PUMP + pump] = voltage_V
+    m.stuck_checks[pump] = StuckCheck(
+        pump=pump,
+        number=number,
+        detected_s=detected_s,
+        onset_s=onset_s,
+        until_s=until_s,
+        voltage_V=voltage_V,
+        x=x,
+        P=m.P.copy(),
+    )
+
+
+def step(config: DetectorConfig, m: Memory, log_likelihood: float) -> list[Alarm]:
+    """One step of every check. log_likelihood : of this step's readings in the main filter."""
+    alarms = []
+    for p in list(m.stuck_checks.values()):
+        entry = m.entry.copy()
+        entry[VOLTAGE + p.pump], entry[DOUBT + p.pump] = p.voltage_V, 0.0
+        alarms += judge(config, m, p, log_likelihood, config.filter_beside(p.x, p.P, entry))
+    return alarms
+
+
+def judge(
+    config: DetectorConfig, m: Memory, p: StuckCheck, log_likelihood: float, stuck_likelihood: float
+) -> list[Alarm]:
+    """The alarm that a pump is stuck; the check ends with it, when it is refuted, and when its time is over."""
+    detect = config.tuning.detect
+    p.evidence += stuck_likelihood - log_likelihood
+    moved = abs(float(m.entry[VOLTAGE + p.pump]) - p.voltage_V) / p.voltage_V
+    is_refuted = p.evidence < -detect and moved >= STUCK_MOVED
+    if is_refuted or m.t_s > p.until_s or p.pump not in m.declared:
+        del m.stuck_checks[p.pump]
+        return []
+    if p.evidence < max(detect, _best_rival(m)) or moved < STUCK_MOVED:
+        return []
+    del m.stuck_checks[p.pump]
+    fault = m.declared[p.pump]
+    m.declared[p.pump] = replace(fault, kind="pump_stuck_on")
+    low_V, high_V = config.range_V
+    flow_V = float(p.x[GAIN + p.pump] * p.x[PUMP + p.pump]) / fault.healthy
+    return [
+        Alarm(
+            detected_s=p.detected_s,
+            kind="pump_stuck_on",
+            target=p.pump + 1,
+            size=min(max(flow_V, low_V), high_V),
+            onset_s=p.onset_s,
+            isolated_s=m.t_s,
+            candidates=(f"pump_stuck_on {p.pump + 1}",),
+            number=p.number,
+        )
+    ]
+
+
+def credit(m: Memory, evidence: float) -> None:
+    """The main filter has been replaced by one that explains the readings better by this log-likelihood ratio."""
+    for check in m.stuck_checks.values():
+        check.evidence -= evidence
+
+
+def _best_rival(m: Memory) -> float:
+    """Log-likelihood ratio, against the main filter, of the likeliest new fault while an alarm is open; 0 if none is.
+
+    A pump that recovers or fails otherwise during the check is not stuck, although the main filter does not expect it.
+    """
+    if m.suspicion is None:
+        return 0.0
+    return float(np.max(np.where(m.replays.dropped == 1, -np.inf, m.replays.evidence)))
