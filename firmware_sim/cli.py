@@ -42,6 +42,14 @@ def _list_faults(is_wanted: bool) -> None:
         raise typer.Exit
 
 
+def _show_version(is_wanted: bool) -> None:
+    if is_wanted:
+        from importlib.metadata import version
+
+        sys.stdout.write(f"firmware-sim {version('fourtank-hil')}\n")
+        raise typer.Exit
+
+
 @app.command(help=HELP)
 def serve(
     slcan: Annotated[int | None, typer.Option(min=0, max=65535, help="TCP port on 127.0.0.1; 0: a free one.")] = None,
@@ -59,9 +67,12 @@ def serve(
     faults: Annotated[
         bool, typer.Option("--faults", is_eager=True, callback=_list_faults, help="List the fault kinds and exit.")
     ] = False,
+    version: Annotated[
+        bool, typer.Option("--version", is_eager=True, callback=_show_version, help="Show the version and exit.")
+    ] = False,
 ) -> None:
     """Emulate the four-tank rig: pump node, level node and tanks, in real time."""
-    del faults
+    del faults, version
     from firmware_sim.change_record import ChangeRecord
     from firmware_sim.rig import Rig
     from firmware_sim.settings import default_config_dir, load, load_fingerprint

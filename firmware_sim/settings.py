@@ -21,6 +21,19 @@ PumpGain = Annotated[float, within(0.01, 1e3)]
 Share = Annotated[float, within(0.0, 1.0)]
 
 
+WORDS = {"model_type": "must be a table", "bool_type": "must be true or false"}
+"""For the errors that are not from our own checks (`firmware_sim.setting_types`)."""
+
+OTHER_FILES = {
+    "campaign": "a campaign",
+    "scenario": "a scenario",
+    "nodes": "an emulator file",
+    "safety": "a rig file",
+    "bus": "a rig file",
+}
+"""A table at the top -> the only kind of file that has it."""
+
+
 class SettingsError(ValueError):
     """A settings file is missing, is not TOML, or has a value that is not allowed."""
 
@@ -111,6 +124,8 @@ def load(emulator_toml: Path, scenario: Path | None = None) -> tuple[EmulatorSet
     """
     base = _read_toml(emulator_toml)
     scenario_data = {} if scenario is None else _read_toml(scenario)
+    _check_kind(base, emulator_toml, "nodes", "an emulator file")
+    _check_kind(scenario_data, scenario, "scenario", "a scenario")
     overlay = scenario_data.get("emulator", {})
     if not isinstance(overlay, dict):
         raise SettingsError(f"{scenario}: emulator = {overlay!r}: must be a table")
@@ -123,6 +138,15 @@ def load(emulator_toml: Path, scenario: Path | None = None) -> tuple[EmulatorSet
         raise SettingsError(f"{emulator_toml}: {_dotted(path)}{what}") from None
     _check_start(settings, scenario if "start_V" in overlay.get("tanks", {}) else emulator_toml)
     return settings, _faults(scenario_data, scenario)
+
+
+def _check_kind(data: dict[str, Any], file: Path | None, table: str, kind: str) -> None:
+    """Refuse a file that is plainly of another kind. table : what files of the right kind have."""
+    if table in data:
+        return
+    found = next((what for name, what in OTHER_FILES.items() if name in data), "")
+    if found:
+        raise SettingsError(f"{file}: is {found}, not {kind}")
 
 
 def load_fingerprint(dbc: Path) -> int:
@@ -241,8 +265,7 @@ def _first(error: ValidationError) -> tuple[tuple[int | str, ...], str]:
         return complaint["loc"], ": key is missing"
     if kind == "extra_forbidden":
         return complaint["loc"], f" = {complaint['input']!r}: unknown key"
-    message = "must be a table" if kind in ("model_type", "model_attributes_type") else complaint["msg"]
-    return complaint["loc"], f" = {complaint['input']!r}: {message[0].lower()}{message[1:]}"
+    return complaint["loc"], f" = {complaint['input']!r}: {WORDS.get(kind, complaint['msg'])}"
 
 
 def _dotted(path: tuple[int | str, ...]) -> str:

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Self
 from pydantic import Field, model_validator
 
 from hil.edge.config.settings_file import (
+    CAMPAIGN_FILE,
     MAX_DURATION_S,
     Finite,
     NotNegative,
@@ -87,6 +88,8 @@ class Spec(Section):
 
     emulator, rig, diagnosis, control : merged into the scenarios' tables of that name.
     """
+
+    FILE_KIND = CAMPAIGN_FILE
 
     campaign: CampaignInfo
     emulator: dict[str, Any] = Field(default_factory=dict)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import sys
 from inspect import getdoc
 from types import ModuleType
@@ -17,6 +19,9 @@ from hil.version import __version__
 
 COMMANDS: tuple[ModuleType, ...] = (simulate, run, doctor, conformance, campaign, demo, design, view, report)
 """In the order of the help. Each has a function of its own name, and EXAMPLE."""
+
+MIN_RICH_WIDTH = 80
+"""Below, the help is plain text: the boxes' columns would be too narrow for long values, and cut them off."""
 
 app = typer.Typer(
     name="hil",
@@ -63,10 +68,17 @@ def main() -> None:
     sys.exit(code)
 
 
+def _width() -> int:
+    """Columns of the terminal, or what COLUMNS or TERMINAL_WIDTH sets in their place."""
+    forced = os.environ.get("TERMINAL_WIDTH", "")
+    return int(forced) if forced.isdecimal() else shutil.get_terminal_size().columns
+
+
 def _command() -> int:
     """Run the command and return the exit code. An error that the user can fix is one line on standard error."""
+    app.rich_markup_mode = "rich" if _width() >= MIN_RICH_WIDTH else None
     try:
-        code = app(standalone_mode=False, prog_name="hil")
+        code = app(standalone_mode=False, prog_name="hil", terminal_width=min(_width(), MIN_RICH_WIDTH) - 2)
     except typer.TyperException as error:  # a wrong option or argument
         return complain(str(getattr(error, "format_message", error.__str__)()), exit_codes.BAD_INPUT)
     except (typer.Abort, KeyboardInterrupt):

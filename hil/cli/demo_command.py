@@ -76,7 +76,7 @@ def run(console: Console, out: Path, config_dir: Path | None) -> None:
     except RunFolderError:
         made.remove_if_empty()
         raise
-    for line in demo_tables.both(figures, RIGS):
+    for line in demo_tables.both(figures, RIGS, console.width):
         console.print(line, highlight=False)
     glr, without = (RunFolder.open(folder / name) for name in RECORDED)
     report = write_report(glr, without)

@@ -1,5 +1,6 @@
 """`hil demo`: its runs can be built, and its tables say what the runs came to."""
 
+import re
 from io import StringIO
 from pathlib import Path
 
@@ -7,16 +8,16 @@ from rich.console import Console
 
 from hil.bench.campaign_case import check
 from hil.campaigns.cases import Case
-from hil.cli import demo_command
+from hil.cli import demo_command, demo_tables
 from hil.cli.demo_tables import Figures, both
 from hil.review import table3
 from tests.cli.cli_bench import CONFIG
 
 
-def drawn(figures: dict[str, Figures]) -> str:
+def drawn(figures: dict[str, Figures], width: int = 80) -> str:
     page = StringIO()
-    console = Console(file=page, width=80)
-    for part in both(figures, demo_command.RIGS):
+    console = Console(file=page, width=width)
+    for part in both(figures, demo_command.RIGS, width):
         console.print(part)
     return page.getvalue()
 
@@ -46,3 +47,16 @@ def test_the_diagnosis_shows_its_median_over_the_rigs(tmp_path: Path) -> None:
     assert "…" not in text, "nothing is cut off"
     assert row(text, "both pumps") == ["both pumps", "no", "5.000", "6.000", "–", "–", "–"]
     assert "paper's table 3" in text
+
+
+def test_tables_fit_sixty_columns(tmp_path: Path) -> None:
+    """They used to be cut off: 76 columns wide."""
+    iae = dict.fromkeys(table3.TITLES, (13.069, 9.2319))
+    figures = dict.fromkeys(demo_command._jobs(CONFIG, tmp_path), Figures(iae, 10.04, 100.04, 0.0123))
+    text = drawn(figures, 60)
+    assert max(map(len, text.splitlines())) <= 60
+    assert "…" not in text
+    for name in (*demo_tables.FAULTS, "gain fall", "reference step"):
+        assert text.count(f"\n{name} ") == 1, "a table for each window and fault"
+    assert re.search(r"^no reconfiguration +13\.07 +9\.232 +10\.0 s +100\.0 s +0\.012", text, re.MULTILINE)
+    assert re.search(r"^kept +1 +13\.07 +13\.07 +−0\.01 % +13\.07", text, re.MULTILINE)

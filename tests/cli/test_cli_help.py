@@ -9,7 +9,9 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+import firmware_sim.cli
 from hil.cli import app as cli
+from hil.version import __version__
 from tests.cli.cli_bench import CommandLine
 
 NAMES = [module.__name__.rpartition(".")[2] for module in cli.COMMANDS]
@@ -39,13 +41,45 @@ def test_every_example_is_a_command_line_that_the_command_takes(module: ModuleTy
     command.make_context(name, arguments)  # raises for an option or argument that there is not
 
 
-@pytest.mark.parametrize("name", ["hil", "firmware-sim"])
-def test_help_fits_sixty_columns(name: str, command_line: CommandLine, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("COLUMNS", "60")
-    monkeypatch.setenv("TERMINAL_WIDTH", "60")
-    out = command_line(name, "--help").out
+def words_of_help(command: Any) -> set[str]:
+    """All words, option names and placeholders that the help of a command has to show."""
+    texts = [command.help or ""]
+    for parameter in command.params:
+        texts += [getattr(parameter, "help", None) or "", parameter.metavar or ""]
+        texts += [*parameter.opts, *parameter.secondary_opts] if parameter.param_type_name == "option" else []
+    return {word for text in texts for word in text.split()}
+
+
+@pytest.mark.parametrize("columns", [60, 79, 80, 100])
+@pytest.mark.parametrize("name", ["hil", *(f"hil {name}" for name in NAMES), "firmware-sim"])
+def test_help_is_whole_in_a_narrow_terminal(
+    name: str, columns: int, command_line: CommandLine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At 60 columns the boxes used to cut off options, paths and placeholders: "runs/<time>_…", "--no-rep…"."""
+    monkeypatch.setenv("COLUMNS", str(columns))
+    program, *command = name.split()
+    out = command_line(program, *command, "--help").out
     assert "Example: " in out
-    assert max(map(len, out.splitlines())) <= 60
+    assert max(map(len, out.splitlines())) <= columns
+    assert "…" not in out
+    group: Any = typer.main.get_command(cli.app if program == "hil" else firmware_sim.cli.app)
+    words = words_of_help(group.commands[command[0]] if command else group)
+    shown = re.sub(r"-\n[ │]*", "-", out)  # a word may be divided at its hyphen
+    assert [word for word in words if word not in shown] == []
+
+
+@pytest.mark.parametrize("name", ["hil", "firmware-sim"])
+def test_both_programs_show_their_version(name: str, command_line: CommandLine) -> None:
+    """`firmware-sim --version` used to be an unknown option."""
+    result = command_line(name, "--version")
+    assert (result.code, result.out, result.err) == (0, f"{name} {__version__}\n", "")
+
+
+def test_help_in_a_wide_terminal_has_boxes(command_line: CommandLine, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    assert "╭─ Options ─" in command_line("hil", "run", "--help").out
+    monkeypatch.setenv("TERMINAL_WIDTH", "60")
+    assert "╭─ Options ─" not in command_line("hil", "run", "--help").out
 
 
 def test_design_fits_sixty_columns(command_line: CommandLine, monkeypatch: pytest.MonkeyPatch) -> None:

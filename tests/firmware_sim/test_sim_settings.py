@@ -26,7 +26,7 @@ BAD_EMULATOR = [
     ("start_V = [3.0, 3.0]", "start_V = [3.0]", ["tanks.start_V = [3.0]", "list of 2"]),
     ("start_V = [3.0, 3.0]", "start_V = [3.0, 10.5]", ["tanks.start_V[1] = 10.5", "0 .. 10"]),
     ("start_V = [3.0, 3.0]", "start_V = [9.0, 9.0]", ["tanks.start_V", "0 .. 20 cm"]),
-    ("hold_until_run = true", "hold_until_run = 1", ["tanks.hold_until_run = 1", "boolean"]),
+    ("hold_until_run = true", "hold_until_run = 1", ["tanks.hold_until_run = 1", "true or false"]),
     ("valve_split = [0.70,", "valve_split = [1.70,", ["pumps.valve_split[0] = 1.7", "0 .. 1"]),
     ("dac_bits = 12", "dac_bits = 11", ["pumps.dac_bits = 11", "0, 8, 10, 12, 14, 16"]),
     ("adc_bits = 12", "adc_bits = 12.0", ["sensors.adc_bits = 12.0", "0, 12, 16"]),

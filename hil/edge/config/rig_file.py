@@ -13,6 +13,7 @@ from hil.edge.can import adapters
 from hil.edge.can.adapters import BusError
 from hil.edge.config.scenario_file import Scenario
 from hil.edge.config.settings_file import (
+    RIG_FILE,
     NotNegative,
     Pole,
     Positive,
@@ -154,6 +155,8 @@ class Bus(Section):
 
 class Rig(Section):
     """The rig file: the model of the process, and the settings of the bench, that the controller uses."""
+
+    FILE_KIND = RIG_FILE
 
     tanks: Tanks
     pumps: Pumps

@@ -12,6 +12,7 @@ from hil.core.fault_course import FaultCourse
 from hil.core.fault_kinds import FaultKind
 from hil.edge.config.settings_file import (
     MAX_DURATION_S,
+    SCENARIO_FILE,
     Finite,
     LevelCm,
     LevelVolts,
@@ -170,6 +171,8 @@ class WindowTable(Section):
 
 class Scenario(Section):
     """An experiment: references, faults, operator requests, and windows for the key figures."""
+
+    FILE_KIND = SCENARIO_FILE
 
     scenario: ScenarioInfo
     reference: tuple[Reference, ...] = ()

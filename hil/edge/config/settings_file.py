@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from hil.core.errors import HilError
 from hil.core.types import Pair
+from hil.edge.config.complaints import complaint
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
@@ -20,6 +22,24 @@ Volts = Annotated[float, Field(ge=0.0, le=10.0, allow_inf_nan=False)]
 LevelVolts = Annotated[float, Field(ge=0.0, le=10.0, allow_inf_nan=False)]
 LevelCm = Annotated[float, Field(ge=0.0, le=20.0, allow_inf_nan=False)]
 Pole = Annotated[float, Field(lt=0.0, ge=-10.0, allow_inf_nan=False)]
+
+SCENARIO_FILE, RIG_FILE, CAMPAIGN_FILE, EMULATOR_FILE = "a scenario", "a rig file", "a campaign", "an emulator file"
+
+KINDS = {
+    "campaign": CAMPAIGN_FILE,
+    "scenario": SCENARIO_FILE,
+    "nodes": EMULATOR_FILE,
+    "safety": RIG_FILE,
+    "bus": RIG_FILE,
+}
+"""A table at the top -> the only kind of file that has it."""
+
+USED_BY = {
+    CAMPAIGN_FILE: "run it with `hil campaign FILE`",
+    SCENARIO_FILE: "run it with `hil simulate FILE` or `hil run FILE`",
+    EMULATOR_FILE: "it is used as emulator.toml in the folder that --config names",
+    RIG_FILE: "it is used as rig.toml in the folder that --config names",
+}
 
 MAX_DURATION_S = 1e7
 """Longest run, 116 days."""
@@ -35,6 +55,9 @@ class Section(BaseModel):
     """A table of a settings file: unknown keys are errors, values are never coerced from text."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+    FILE_KIND: ClassVar[str] = ""
+    """What a file with this table at its top is."""
 
     @field_validator("*", mode="before")
     @classmethod
@@ -91,23 +114,19 @@ def merged(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
 
 
 def validated(model: type[Model], data: dict[str, Any], where: str) -> Model:
-    """The data as settings; raises SettingsError that begins with `where` and names the first key at fault."""
+    """The data as settings; raises SettingsError that begins with `where` and names what is wrong.
+
+    A file that is plainly of another kind is named as that.
+    """
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        key = _key(first["loc"])
-        more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
-        message = first["msg"].removeprefix("Value error, ")
-        if first["type"] == "extra_forbidden":
-            message = "unknown key"
-        shown = "" if first["type"] == "missing" or isinstance(first["input"], dict) else f" = {first['input']!r}"
-        subject = f"{key}{shown}: " if key else ""
-        raise SettingsError(f"{where}: {subject}{message}{more}") from None
+        kinds = kinds_of(data)
+        if model.FILE_KIND and kinds and model.FILE_KIND not in kinds:
+            raise SettingsError(f"{where}: is {kinds[0]}, not {model.FILE_KIND}; {USED_BY[kinds[0]]}") from None
+        raise SettingsError(f"{where}: {complaint(model, error)}") from None
 
 
-def _key(location: tuple[int | str, ...]) -> str:
-    key = ""
-    for part in location:
-        key += f"[{part}]" if isinstance(part, int) else f".{part}" if key else part
-    return key
+def kinds_of(data: Mapping[str, Any]) -> tuple[str, ...]:
+    """The kinds of files that have a table that `data` has, and no other kind has."""
+    return tuple(kind for table, kind in KINDS.items() if table in data)
