@@ -1,13 +1,12 @@
 """Level node: reads four level sensors and sends them as voltages.
 
-A sensor gives gain * (1 + scale error) * level plus white noise. The node's converter covers 0 .. 10.24 V and clips
-a signal outside; more than 0.1 V outside, which noise on an empty or full tank can't explain, the channel reports
-UnderRange or OverRange. The node boots for boot_s, sending heartbeats only, and then runs.
+A sensor gives offset + gain * (1 + scale error) * level plus white noise and, where asked for, waves: noise that stays
+similar for some seconds, as the sloshing of the water does, and leaves the mean level as it is. The node's converter
+covers 0 .. 10.24 V and clips a signal outside; more than 0.1 V outside, which noise on an empty or full tank can't
+explain, the channel reports UnderRange or OverRange. The node boots for boot_s, sending heartbeats only, and then runs.
 """
 
 from collections.abc import Callable
-
-import numpy as np
 
 from firmware_sim.faults.effects import NS_PER_S, ChannelEffects, Codes, Reading
 from firmware_sim.frames import (
@@ -22,13 +21,13 @@ from firmware_sim.frames import (
     pack_levels,
     unpack_levels,
 )
-from firmware_sim.parameter_spread import parts
 from firmware_sim.pump_node import BOOT_COUNT, BOOT_COUNT_MODULUS, Change, Observer
+from firmware_sim.sensor_signal import AddedSignal
+from firmware_sim.setting_types import parts
 from firmware_sim.settings import EmulatorSettings
 
 ADC_RANGE_V = 10.24
 RANGE_MARGIN_V = 0.1
-NOISE_BLOCK = 1024
 
 Quad = tuple[float, float, float, float]
 Converter = Callable[[float], Reading]
@@ -72,16 +71,15 @@ class LevelNode:
 
     def __init__(self, settings: EmulatorSettings, seed: int, fingerprint: int, observer: Observer) -> None:
         scale_errors = parts(settings.sensors.scale_error, 4)
-        self._gains_V_cm = tuple(settings.sensors.gain_V_cm * (1.0 + error) for error in scale_errors)
-        self._noise_V = settings.sensors.noise_V
+        gains_V_cm = parts(settings.sensors.gain_V_cm, 4)
+        self._gains_V_cm = tuple(gain * (1.0 + error) for gain, error in zip(gains_V_cm, scale_errors, strict=True))
+        self._added = AddedSignal(settings, seed)
         self._codes = codes_of(settings.sensors.adc_bits)
         self._converters = tuple(converter(settings.sensors.adc_bits) for _ in range(4))
         self._boot_ns = self._boot_end_ns = round(settings.nodes.boot_s * NS_PER_S)
         self._boot_count = BOOT_COUNT
         self._fingerprint = fingerprint
         self._observer = observer
-        self._random = np.random.default_rng(seed)
-        self._noise: list[list[float]] = []
         self._sent: tuple[bytes, bytes] | None = None
         self.channel_faults: dict[int, ChannelEffects] = {}
         self.wall_ahead_ns = 0
@@ -120,7 +118,7 @@ class LevelNode:
         g1, g2, g3, g4 = self._gains_V_cm
         to1, to2, to3, to4 = self._converters
         h1, h2, h3, h4 = levels_cm
-        n1, n2, n3, n4 = self._next_noise()
+        n1, n2, n3, n4 = self._added.next_V()
         if self.channel_faults:
             signals_V = (g1 * h1 + n1, g2 * h2 + n2, g3 * h3 + n3, g4 * h4 + n4)
             (v1, s1), (v2, s2), (v3, s3), (v4, s4) = self._faulty_readings(signals_V, now_ns)
@@ -153,12 +151,6 @@ class LevelNode:
                 fresh = convert(signal_V + faults.signal(now_ns))
                 readings.append(faults.replaced(fresh, None if last is None else last[channel], self._codes))
         return readings
-
-    def _next_noise(self) -> list[float]:
-        if not self._noise:
-            block = self._random.normal(0.0, self._noise_V, (NOISE_BLOCK, 4))
-            self._noise = block[::-1].tolist()
-        return self._noise.pop()
 
     def _report(self, now_ns: int, cause: str) -> None:
         self._observer(Change(now_ns, "level", self.state, (), cause, self.wall_ahead_ns))

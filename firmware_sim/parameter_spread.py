@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+from firmware_sim.setting_types import parts
 from firmware_sim.settings import EmulatorSettings
 
 PARAMETER_STREAM = 1
@@ -54,11 +55,6 @@ class Turbulence:
         """Draw the next four."""
         volumes_cm3: list[float] = self._random.normal(0.0, self._std_cm3).tolist()
         return volumes_cm3
-
-
-def parts(value: float | tuple[float, ...], count: int) -> tuple[float, ...]:
-    """One value for each of `count` parts, where a setting may be one number for all."""
-    return value if isinstance(value, tuple) else (value,) * count
 
 
 def _spread(values: tuple[float, ...], spread: float, deviation: list[float]) -> tuple[float, ...]:

@@ -22,8 +22,10 @@ from firmware_sim.frames import (
     Rejection,
 )
 from firmware_sim.level_node import LevelNode, Quad
-from firmware_sim.parameter_spread import Turbulence, drawn, parts
+from firmware_sim.parameter_spread import Turbulence, drawn
 from firmware_sim.pump_node import Change, Observer, PumpNode
+from firmware_sim.pump_path import PumpPaths
+from firmware_sim.setting_types import parts
 from firmware_sim.settings import EmulatorSettings
 from firmware_sim.tanks import Tanks
 from firmware_sim.truth import Truth
@@ -57,20 +59,20 @@ class Rig:
         self.pump = PumpNode(settings, fingerprint, observe)
         self.level = LevelNode(settings, seed, fingerprint, observe)
         self._tanks = Tanks(settings)
+        self._paths = PumpPaths(settings, seed)
         self._faults = FaultSchedule(faults, seed)
         self._effectiveness = self._faults.effects.effectiveness
-        self._wear_per_h = parts(settings.pumps.wear_per_h, 2)
         self._turbulence = Turbulence(settings, seed) if any(parts(settings.tanks.turbulence_cm3_sqrt_s, 4)) else None
-        self._is_ageing = self._turbulence is not None or any(self._wear_per_h)
+        self._is_ageing = self._turbulence is not None or any(parts(settings.pumps.wear_per_h, 2))
         self._levels_period_ns = round(settings.nodes.levels_period_s * NS_PER_S)
         self._status_period_ns = round(settings.nodes.status_period_s * NS_PER_S)
-        self._give_to_pumptbeat_period_ns = round(settings.nodes.heartbeat_period_s * NS_PER_S)
-        self._levels_ns = self._status_ns = self._give_to_pumptbeat_ns = 0
+        self._heartbeat_period_ns = round(settings.nodes.heartbeat_period_s * NS_PER_S)
+        self._levels_ns = self._status_ns = self._heartbeat_ns = 0
         self._now_ns = 0
         self._tanks_ns = 0
         self._is_held = settings.tanks.hold_until_run
         self._start_ns: int | None = None
-        self._input_V = self._output_V = self.pump.applied_V
+        self._output_V = self.pump.applied_V
         self._outbox: list[Message] = []
         self._wire = FaultyWire(self._queue, self._give_to_pump, lambda: self.pump.next_counter)
         self._put = self._send
@@ -91,7 +93,7 @@ class Rig:
     @property
     def next_event_ns(self) -> int:
         """Due time of the next event."""
-        return min(self._levels_ns, self._status_ns, self._give_to_pumptbeat_ns, self._rare_ns)
+        return min(self._levels_ns, self._status_ns, self._heartbeat_ns, self._rare_ns)
 
     def advance(self, to_ns: int) -> list[Message]:
         """Carry out all events up to and including to_ns.
@@ -169,7 +171,7 @@ class Rig:
             return self._tanks
         tanks = self._tanks.copy()
         dt_s = (self._now_ns - self._tanks_ns) / NS_PER_S
-        tanks.advance(dt_s, self._input_V, self._effectiveness)
+        tanks.advance(dt_s, self._paths.flow_V, self._paths.effectiveness)
         return tanks
 
     def _catch_up(self, to_ns: int) -> None:
@@ -189,8 +191,8 @@ class Rig:
         if self._status_ns <= now_ns:
             self._status_ns += self._status_period_ns
             self._put(STATUS_ID, self.pump.status(), now_ns)
-        if self._give_to_pumptbeat_ns <= now_ns:
-            self._give_to_pumptbeat_ns += self._give_to_pumptbeat_period_ns
+        if self._heartbeat_ns <= now_ns:
+            self._heartbeat_ns += self._heartbeat_period_ns
             self._put(PUMP_HEARTBEAT_ID, self.pump.heartbeat(), now_ns)
             self._put(LEVEL_HEARTBEAT_ID, self.level.heartbeat(), now_ns)
 
@@ -203,13 +205,19 @@ class Rig:
             self._advance_tanks(now_ns)
             self._faults.advance(now_ns)
             self._apply_effects(now_ns)
+        arrival_ns = self._paths.next_ns
+        if arrival_ns is not None and arrival_ns <= now_ns:
+            self._advance_tanks(now_ns)
+            if self._paths.advance(now_ns):
+                self._tanks.set_valve_split(self._paths.splits)
         self._wire.run_due(now_ns)
         self._rare_ns = self._next_rare_ns()
 
     def _next_rare_ns(self) -> int:
-        """Due time of the next change of a node's state or of a fault; NEVER_NS if there is none."""
+        """Due time of the next change of a node's state, of a fault or at a valve; NEVER_NS if there is none."""
         next_ns = NEVER_NS
-        for due_ns in (self.pump.next_event_ns, self.level.next_event_ns, self._faults.next_ns, self._wire.next_ns):
+        nodes = self.pump.next_event_ns, self.level.next_event_ns
+        for due_ns in (*nodes, self._faults.next_ns, self._paths.next_ns, self._wire.next_ns):
             if due_ns is not None and due_ns < next_ns:
                 next_ns = due_ns
         return next_ns
@@ -223,19 +231,23 @@ class Rig:
         if self.pump.applied_V != self._output_V:
             self._advance_tanks(now_ns)
             self._output_V = self.pump.applied_V
-            self._drive_pumps()
+            self._drive_pumps(now_ns)
 
-    def _drive_pumps(self) -> None:
-        """Apply the pump node's outputs to the pumps, except to pumps that are stuck on."""
+    def _drive_pumps(self, now_ns: int) -> None:
+        """Apply the pump node's outputs to the pumps, except to pumps that are stuck on, and their effectiveness.
+
+        The tanks have advanced to now.
+        """
         (v1, v2), (stuck1, stuck2) = self._output_V, self._faults.effects.stuck_on_V
-        self._input_V = (v1 if stuck1 is None else stuck1, v2 if stuck2 is None else stuck2)
+        voltage_V = (v1 if stuck1 is None else stuck1, v2 if stuck2 is None else stuck2)
+        if self._paths.give(voltage_V, self._effectiveness, now_ns):
+            self._tanks.set_valve_split(self._paths.splits)
 
     def _apply_effects(self, now_ns: int) -> None:
         """Apply a changed set of faults to plant and nodes; the tanks have advanced to the time of the change."""
         effects = self._faults.effects
         self._tanks.apply_effects(effects)
-        self._drive_pumps()
-        self._set_effectiveness()
+        self._set_effectiveness(now_ns)
         self.level.channel_faults = effects.channels
         self._wire.apply_effects(effects, now_ns)
         self._put = self._send_through_faults if self._wire.is_active else self._send
@@ -247,32 +259,30 @@ class Rig:
                 node.reboot(now_ns, back_ns)
         self._follow_pump(now_ns)
 
-    def _set_effectiveness(self) -> None:
-        """Set the pumps' effectiveness at the time to which the tanks have advanced."""
-        effects = self._faults.effects
-        run_h = 0.0 if self._start_ns is None else (self._tanks_ns - self._start_ns) / NS_PER_H
-        wear = [max(0.0, 1.0 - rate * run_h) for rate in self._wear_per_h]
-        is_wet = not effects.is_dry
-        self._effectiveness = [is_wet * part * left for part, left in zip(wear, effects.effectiveness, strict=True)]
+    def _set_effectiveness(self, now_ns: int) -> None:
+        """Set the pumps' effectiveness now, to which the tanks have advanced, and drive them."""
+        run_h = 0.0 if self._start_ns is None else (now_ns - self._start_ns) / NS_PER_H
+        self._effectiveness = self._paths.effectiveness_after(run_h, self._faults.effects)
+        self._drive_pumps(now_ns)
 
-    def _apply_ageing(self) -> None:
+    def _apply_ageing(self, now_ns: int) -> None:
         """Apply turbulence and wear of one level period."""
         if self._is_held:
             return
-        self._set_effectiveness()
+        self._set_effectiveness(now_ns)
         if self._turbulence is not None:
             self._tanks.stir(self._turbulence.volumes_cm3())
 
     def _advance_tanks(self, now_ns: int) -> None:
         if not self._is_held:
             dt_s = (now_ns - self._tanks_ns) / NS_PER_S
-            self._tanks.advance(dt_s, self._input_V, self._effectiveness)
+            self._tanks.advance(dt_s, self._paths.flow_V, self._paths.effectiveness)
         self._tanks_ns = now_ns
 
     def _send_levels(self, now_ns: int) -> None:
         if self._is_ageing:
             self._advance_tanks(now_ns)
-            self._apply_ageing()
+            self._apply_ageing(now_ns)
         if self.level.state is NodeState.RUN:
             self._advance_tanks(now_ns)
             lower, upper = self.level.levels(self._tanks.levels_cm, now_ns)

@@ -55,12 +55,18 @@ def within(low: float, high: float) -> BeforeValidator:
     return Accepts(check, text=f"{low:g} .. {high:g}", numbers=(low, high))
 
 
-def per_part(count: int, low: float, high: float) -> BeforeValidator:
-    """Accept one number in low .. high, or a list of `count` of them, which becomes a tuple."""
-    parts = {"low": f"{low:g}", "high": f"{high:g}", "count": count}
+def per_part(count: int, low: float, high: float, *, is_signed: bool = False) -> BeforeValidator:
+    """Accept one number in low .. high, or a list of `count` of them, which becomes a tuple.
+
+    is_signed : the numbers may be negative, and low .. high is the range of their magnitude.
+    """
+    text = f"±({low:g} .. {high:g})" if is_signed else f"{low:g} .. {high:g}"
+    words = {"range": text, "count": count}
 
     def is_number(value: object) -> bool:
-        return isinstance(value, int | float) and not isinstance(value, bool) and low <= value <= high
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return False
+        return low <= (abs(value) if is_signed else value) <= high
 
     def check(value: object) -> float | tuple[float, ...]:
         if isinstance(value, list | tuple):
@@ -69,10 +75,15 @@ def per_part(count: int, low: float, high: float) -> BeforeValidator:
         elif is_number(value):
             return float(value)  # type: ignore[arg-type]
         elif isinstance(value, int | float) and not isinstance(value, bool):
-            raise PydanticCustomError("range", "is outside {low} .. {high}", parts)
-        raise PydanticCustomError("parts", "must be a number in {low} .. {high}, or a list of {count} of them", parts)
+            raise PydanticCustomError("range", "is outside {range}", words)
+        raise PydanticCustomError("parts", "must be a number in {range}, or a list of {count} of them", words)
 
-    return Accepts(check, text=f"{low:g} .. {high:g}; one number or {count}", numbers=(low, high))
+    return Accepts(check, text=f"{text}; one number or {count}", numbers=(low, high))
+
+
+def parts(value: float | tuple[float, ...], count: int) -> tuple[float, ...]:
+    """One value for each of `count` parts, where a setting may be one number for all."""
+    return value if isinstance(value, tuple) else (value,) * count
 
 
 def one_of(*choices: int) -> BeforeValidator:

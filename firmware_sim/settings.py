@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from firmware_sim.faults.base import Fault
 from firmware_sim.faults.catalogue import KINDS
 from firmware_sim.frames import contract_fingerprint
-from firmware_sim.setting_types import Table, listed, one_of, per_part, within
+from firmware_sim.setting_types import Table, listed, one_of, parts, per_part, within
 
 Area = Annotated[float, within(0.1, 1e5)]
 Outlet = Annotated[float, within(1e-4, 1e3)]
@@ -42,12 +42,16 @@ class TankSettings(Table):
     """Tanks 1, 2 (lower), 3, 4 (upper), after eq. (1) of Hajiani and Poshtan (2012).
 
     turbulence_cm3_sqrt_s is the intensity of a white noise on the flow into each tank: the volume that it has added
-    after t seconds has a standard deviation of turbulence * sqrt(t).
+    after t seconds has a standard deviation of turbulence * sqrt(t). datum_cm : how far the outlet, or the end of its
+    hose, lies below the tank's zero: at level h the head is h + datum. overflow_to_lower : share of the overflow of
+    tanks 3 and 4 that falls into tanks 1 and 2.
     """
 
     area_cm2: Annotated[tuple[Area, Area, Area, Area], listed(4)]
     outlet_cm2: Annotated[tuple[Outlet, Outlet, Outlet, Outlet], listed(4)]
-    height_cm: Annotated[float, within(1.0, 1e3)]
+    height_cm: Annotated[float | tuple[float, ...], per_part(4, 1.0, 1e3)]
+    datum_cm: Annotated[float | tuple[float, ...], per_part(4, 0.0, 1e3)] = 0.0
+    overflow_to_lower: Annotated[float | tuple[float, ...], per_part(2, 0.0, 1.0)] = 0.0
     gravity_cm_s2: Annotated[float, within(1.0, 1e4)]
     start_V: Annotated[tuple[Volt, Volt], listed(2)]
     hold_until_run: bool
@@ -57,26 +61,42 @@ class TankSettings(Table):
 class PumpSettings(Table):
     """Two pumps with their valves, and the converter that drives them (range 0 .. 10 V).
 
-    wear_per_h is the share of its gain as new that a pump loses per hour of the scenario.
+    wear_per_h is the share of its gain as new that a pump loses per hour of the scenario. The flow is
+    gain * x * (1 + curve_1_V * x), with x = max(0, voltage - dead_zone_V); lag_s acts on the flow, and after delay_s it
+    arrives at the valve. split_scatter : relative standard deviation with which the valve's split is drawn again each
+    time the flow starts.
     """
 
     gain_cm3_Vs: Annotated[tuple[PumpGain, PumpGain], listed(2)]
+    dead_zone_V: Annotated[float | tuple[float, ...], per_part(2, 0.0, 9.0)] = 0.0
+    curve_1_V: Annotated[float | tuple[float, ...], per_part(2, -0.05, 1.0)] = 0.0
     valve_split: Annotated[tuple[Share, Share], listed(2)]
+    split_scatter: Annotated[float | tuple[float, ...], per_part(2, 0.0, 0.5)] = 0.0
     lag_s: Annotated[float | tuple[float, ...], per_part(2, 0.0, 60.0)]
     lag_spread: Annotated[float, within(0.0, 1.0)] = 0.0
+    delay_s: Annotated[float | tuple[float, ...], per_part(2, 0.0, 10.0)] = 0.0
     dac_bits: Annotated[int, one_of(0, 8, 10, 12, 14, 16)]
     wear_per_h: Annotated[float | tuple[float, ...], per_part(2, 0.0, 10.0)] = 0.0
+
+    def flow_voltages(self, applied_V: tuple[float, float]) -> tuple[float, float]:
+        """Flow of each pump in the steady state, divided by its gain, in V: the voltage itself for a straight pump."""
+        (v1, v2), (d1, d2), (c1, c2) = applied_V, parts(self.dead_zone_V, 2), parts(self.curve_1_V, 2)
+        x1, x2 = max(0.0, v1 - d1), max(0.0, v2 - d2)
+        return x1 * (1.0 + c1 * x1), x2 * (1.0 + c2 * x2)
 
 
 class SensorSettings(Table):
     """Level sensors and the converter that reads them (range 0 .. 10.24 V).
 
-    scale_error is the error of each sensor's gain, as a share of it: four values, or the largest error, within which
-    the run's seed draws all four.
+    A sensor gives offset_V + gain_V_cm * level; a negative gain is that of a sensor whose voltage falls when the level
+    rises. noise_V is white, wave_V has a correlation time of 3 s. scale_error is the error of each sensor's gain, as a
+    share of it: four values, or the largest error, within which the run's seed draws all four.
     """
 
-    gain_V_cm: Annotated[float, within(0.01, 10.0)]
-    noise_V: Annotated[float, within(0.0, 1.0)]
+    gain_V_cm: Annotated[float | tuple[float, ...], per_part(4, 0.01, 10.0, is_signed=True)]
+    offset_V: Annotated[float | tuple[float, ...], per_part(4, -20.0, 20.0)] = 0.0
+    noise_V: Annotated[float | tuple[float, ...], per_part(4, 0.0, 1.0)]
+    wave_V: Annotated[float | tuple[float, ...], per_part(4, 0.0, 1.0)] = 0.0
     scale_error: Annotated[float | tuple[float, ...], per_part(4, -0.5, 0.5)] = 0.0
     adc_bits: Annotated[int, one_of(0, 12, 16)]
 
@@ -155,13 +175,17 @@ def load_fingerprint(dbc: Path) -> int:
 
 
 def equilibrium_cm(settings: EmulatorSettings) -> tuple[float, float, float, float]:
-    """Levels of the equilibrium at constant pump voltages start_V: eq. (1) with all derivatives zero."""
+    """Levels of the equilibrium at constant pump voltages start_V: eq. (1) with all derivatives zero.
+
+    A tank whose outlet lies so low that it could carry more than flows in is empty.
+    """
     tanks, pumps = settings.tanks, settings.pumps
-    q1, q2 = (k * v for k, v in zip(pumps.gain_cm3_Vs, tanks.start_V, strict=True))
+    q1, q2 = (k * v for k, v in zip(pumps.gain_cm3_Vs, pumps.flow_voltages(tanks.start_V), strict=True))
     g1, g2 = pumps.valve_split
     upper3, upper4 = (1.0 - g2) * q2, (1.0 - g1) * q1
     through = (g1 * q1 + upper3, g2 * q2 + upper4, upper3, upper4)
-    h = [(q / a) ** 2 / (2.0 * tanks.gravity_cm_s2) for q, a in zip(through, tanks.outlet_cm2, strict=True)]
+    heads_cm = [(q / a) ** 2 / (2.0 * tanks.gravity_cm_s2) for q, a in zip(through, tanks.outlet_cm2, strict=True)]
+    h = [max(0.0, head_cm - datum_cm) for head_cm, datum_cm in zip(heads_cm, parts(tanks.datum_cm, 4), strict=True)]
     return h[0], h[1], h[2], h[3]
 
 
@@ -189,13 +213,17 @@ def _extremes(settings: EmulatorSettings) -> tuple[EmulatorSettings, ...]:
 
 def _check_start(settings: EmulatorSettings, file: Path | None) -> None:
     spread = settings.parameter_spread
-    highest_cm = max(max(equilibrium_cm(extreme)) for extreme in _extremes(settings))
-    if highest_cm > settings.tanks.height_cm:
+    heights_cm = parts(settings.tanks.height_cm, 4)
+    highest_cm, height_cm = max(
+        (pair for extreme in _extremes(settings) for pair in zip(equilibrium_cm(extreme), heights_cm, strict=True)),
+        key=lambda pair: pair[0] - pair[1],
+    )
+    if highest_cm > height_cm:
         start_V = list(settings.tanks.start_V)
         may = f" with parameter_spread = {spread:g} can give" if spread else " gives"
         raise SettingsError(
             f"{file}: tanks.start_V = {start_V}:{may} a level of {highest_cm:.2f} cm, "
-            f"which is outside 0 .. {settings.tanks.height_cm:g} cm"
+            f"which is outside 0 .. {height_cm:g} cm"
         )
 
 

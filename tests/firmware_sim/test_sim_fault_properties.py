@@ -101,8 +101,11 @@ def test_results_do_not_depend_on_how_time_is_cut(seed: int) -> None:
     aged = shipped().model_copy(
         update={
             "parameter_spread": 0.03,
-            "tanks": shipped().tanks.model_copy(update={"turbulence_cm3_sqrt_s": 1.0}),
-            "pumps": shipped().pumps.model_copy(update={"wear_per_h": 5.0}),
+            "tanks": shipped().tanks.model_copy(update={"turbulence_cm3_sqrt_s": 1.0, "datum_cm": 2.0}),
+            "pumps": shipped().pumps.model_copy(
+                update={"wear_per_h": 5.0, "delay_s": (0.013, 0.31), "split_scatter": 0.1, "dead_zone_V": 0.5}
+            ),
+            "sensors": shipped().sensors.model_copy(update={"wave_V": 0.01}),
         }
     )
     faults, chance = faults_of_every_kind(seed), random.Random(seed)  # noqa: S311 - cuts, not secrets

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 ENDINGS = (  # the longest first
     ("_cm3_sqrt_s", "cm³/√s"),
+    ("_1_V", "1/V"),
     ("_cm3_Vs", "cm³/(V s)"),
     ("_cm_s2", "cm/s²"),
     ("_V_cm", "V/cm"),
@@ -20,6 +21,9 @@ BY_NAME = {
     "parameter_spread": "share",
     "lag_spread": "share",
     "scale_error": "share",
+    "overflow_to_lower": "share",
+    "split_scatter": "share",
+    "duty": "share",
     "dead_below": "share",
     "output_poles": "1/s",
     "noise_gain_max": "V/V",
