@@ -38,3 +38,17 @@ def test_port_0_is_a_free_tcp_port(served: list[tuple[Any, str]]) -> None:
     assert isinstance(port, TcpPort)
     assert where.startswith("slcan on socket://127.0.0.1:")
     assert int(where.rpartition(":")[2]) > 0
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [(OSError("gone"), 1), (RuntimeError("gone"), 1), (KeyboardInterrupt(), 1), (ValueError("no"), 2)],
+)
+def test_an_error_is_an_exit_code(monkeypatch: pytest.MonkeyPatch, error: BaseException, code: int) -> None:
+    def fail(**_options: object) -> None:
+        raise error
+
+    monkeypatch.setattr(cli, "app", fail)
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert end.value.code == code

@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hil.core.diagnosis.glr.filter import _limit
 from hil.core.diagnosis.glr.model import BIAS, DRIFT, GAIN, LAG, LEAK, MOVING, OUTLET, PUMP, SPLIT, N, predict
 from tests.glr.glr_bench import DETECTOR, MODEL, NO_ESTIMATE, PERIOD_S, Plant
 
@@ -110,3 +111,16 @@ def test_the_covariance_stays_symmetric_and_positive() -> None:
     assert np.array_equal(memory.P, memory.P.T)
     assert np.linalg.eigvalsh(active).min() > -1e-12
     assert not memory.P[LEAK:].any()
+
+
+def test_the_states_stay_within_their_limits() -> None:
+    """A shut outlet may come out a little below zero, since its estimate errs to either side."""
+    x = np.zeros(N)
+    x[0:4] = -1.0, 5.0, 25.0, 0.0
+    x[OUTLET : OUTLET + 4] = -1.0, -0.01, 0.0, 3.0
+    x[LAG : LAG + 2], x[SPLIT : SPLIT + 2] = (0.0, 99.0), (-1.0, 9.0)
+    _limit(FILTER_MODEL, x)
+    assert list(x[0:4]) == [0.0, 5.0, MODEL.height_cm, 0.0]
+    assert list(x[OUTLET : OUTLET + 4]) == [-0.02, -0.01, 0.0, 3.0]
+    assert list(x[LAG : LAG + 2]) == [0.05, 20.0]
+    assert list(x[SPLIT : SPLIT + 2] * MODEL.valve_split) == pytest.approx([0.01 * MODEL.valve_split[0], 0.99])

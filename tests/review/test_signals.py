@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -72,3 +73,11 @@ def test_the_run_folder_of_each_mode_has_its_own_columns(tmp_path: Path) -> None
         folder: RunFolder = toy.record_run(tmp_path / name, live=name == "live", until_s=1.0)
         header = folder.ticks_path.read_text().partition("\n")[0]
         assert header.split(",") == [signal.column for signal in recorded(folder.manifest().plan.mode)]
+
+
+def test_a_curve_has_the_number_of_its_signal() -> None:
+    """Tank 2 is drawn as tank 2. K12 is the gain from state 2 to pump 1."""
+    drawn = [(signal.column, signal.curve.name) for signal in signals.SIGNALS if signal.curve]
+    numbers = [(re.findall(r"[0-9]+", name), re.findall(r"[0-9]+", label), label) for name, label in drawn]
+    assert all(of_name == of_label or not of_label for of_name, of_label, _ in numbers), numbers
+    assert sum(bool(of_label) for _, of_label, _ in numbers) >= 30

@@ -79,12 +79,12 @@ class _Sink:
             try:
                 self._file.close()
                 self._is_open = False
-            except (OSError, ValueError) as error:
+            except OSError as error:
                 self._give_up(error)
 
     def _give_up(self, error: Exception) -> None:
         self._is_open = False
-        with suppress(OSError, ValueError):
+        with suppress(OSError):
             self._file.close()
         self._on_failure(f"{self._name} is lost from here on: {error}")
 
