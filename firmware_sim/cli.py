@@ -116,6 +116,13 @@ def _scenario_file(folder: Path, scenario: str | None) -> Path | None:
     return named if not Path(scenario).exists() and named.is_file() else Path(scenario)
 
 
+def _why_no_port(error: OSError | OverflowError) -> str:
+    """Why nothing can be served there, and what to do."""
+    if getattr(error, "errno", None) == errno.EADDRINUSE:
+        return "another program uses it, perhaps an earlier firmware-sim: end that one, or choose another"
+    return getattr(error, "strerror", None) or str(error)
+
+
 def _command_server(rig: "Rig", where: str | None) -> "CommandServer":
     from firmware_sim.command_server import CommandServer, listen_unix
     from firmware_sim.links import listen
@@ -125,7 +132,7 @@ def _command_server(rig: "Rig", where: str | None) -> "CommandServer":
     try:
         listener = listen(int(where)) if where.isdecimal() else listen_unix(Path(where))
     except (OSError, OverflowError) as error:
-        raise UsageError(f"--control {where}: {getattr(error, 'strerror', None) or error}") from None
+        raise UsageError(f"--control {where}: {_why_no_port(error)}") from None
     return CommandServer(rig, listener, with_stdin=True)
 
 
@@ -140,7 +147,7 @@ def _serve_slcan(rig: "Rig", commands: "CommandServer", tcp_port: int | None) ->
     try:
         listener = listen(tcp_port)
     except OSError as error:
-        raise UsageError(f"--slcan {tcp_port}: {error.strerror}") from None
+        raise UsageError(f"--slcan {tcp_port}: {_why_no_port(error)}") from None
     address = f"socket://127.0.0.1:{listener.getsockname()[1]}"
     _run(rig, commands, TcpPort(rig, listener), f"slcan on {address}")
 

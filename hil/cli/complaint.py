@@ -1,4 +1,4 @@
-"""The one line on standard error with which a command ends that did not do what was asked."""
+"""Lines on standard error: the one with which a command ends that did not do what was asked, and warnings."""
 
 from __future__ import annotations
 
@@ -13,11 +13,16 @@ from hil.cli import exit_codes
 
 def complain(what: str, code: int) -> int:
     """Write the line; returns the exit code. Standard error that can't be written to changes nothing."""
+    warn(what)
+    return code
+
+
+def warn(what: str) -> None:
+    """Write a line of warning on standard error; nothing for an empty one, as when the help was shown instead."""
     line = " ".join(what.split())
-    if line:  # nothing is left to say when the help was shown instead
+    if line:
         with suppress(OSError):
             print(f"hil: {line}", file=sys.stderr, flush=True)  # noqa: T201 - plain text, never reflowed
-    return code
 
 
 def interrupted(signal_name: str) -> int:

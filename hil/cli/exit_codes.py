@@ -2,7 +2,7 @@
 
     0    done
     2    bad input, or a record that can't be begun; nothing moved
-    3    tripped; campaign: an invariant was broken
+    3    tripped; campaign: a run broke an invariant
     4    not ready, or failed
     5    done, but a file of the record or standard output can't be written completely; the line says which
     129, 130, 143  stopped by SIGHUP, SIGINT, SIGTERM

@@ -280,7 +280,7 @@ NO_ADAPTER = {
     "/dev/nothing-there": "No such file",
     "/dev/null": "Could not configure port",
     "/dev": "Is a directory",
-    "socket://127.0.0.1:1": "refused",
+    "socket://127.0.0.1:1": "no program listens on this TCP port; start it first (firmware-sim --slcan PORT)",
     "socket://127.0.0.1:70000": "could not open port",
     "socket://127.0.0.1": "Could not open port",
     "udp://127.0.0.1:5": "protocol 'udp' not known",

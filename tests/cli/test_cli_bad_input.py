@@ -359,6 +359,16 @@ BAD_OPTIONS = {
 }
 
 
+@pytest.mark.parametrize("option", ["--slcan", "--control"])
+def test_a_port_that_is_taken_is_named_with_what_to_do(command_line: CommandLine, option: str) -> None:
+    """It used to be "Address already in use"."""
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        arguments = ("--slcan", port) if option == "--slcan" else ("--slcan", 0, "--control", port)
+        result = command_line("firmware-sim", *arguments)
+    assert_refused(result, f"{option} {port}: another program uses it", "end that one, or choose another")
+
+
 @pytest.mark.parametrize("case", BAD_OPTIONS.values(), ids=BAD_OPTIONS.keys())
 def test_a_bad_option_is_refused_in_one_line(command_line: CommandLine, before: Path, case: tuple[Any, ...]) -> None:
     before.write_text(scenario_text())

@@ -103,7 +103,7 @@ def test_a_byte_order_mark_in_a_scenario_is_left_out(command_line: CommandLine, 
     assert command_line("hil", "campaign", path, "--out", "all", "--seeds", 1, "--processes", 1).code == 0
 
 
-@pytest.mark.parametrize("name", ["paper", "paper.toml"])
+@pytest.mark.parametrize("name", ["steps", "steps.toml"])
 def test_shipped_scenarios_go_by_name(command_line: CommandLine, name: str) -> None:
     result = command_line("hil", "simulate", name, "--out", "run", "--duration", 1, "--no-rerun", "--no-report")
     assert (result.code, result.err) == (0, "")

@@ -7,6 +7,8 @@ from typing import Any
 
 import pytest
 
+from hil.bench.assembly import load
+from hil.bench.late_faults import late_faults
 from hil.edge.record.run_folder import RunFolder
 from hil.review.ticks import read
 from tests.cli.cli_bench import CONFIG, CommandLine, Result, assert_refused, config_copy, run_script, scenario_text
@@ -303,3 +305,16 @@ def test_version_is_shown(command_line: CommandLine) -> None:
     result = command_line("hil", "--version")
     assert (result.code, result.err) == (0, "")
     assert result.out.startswith("hil ")
+
+
+def test_a_fault_after_the_end_of_the_run_is_a_line_of_warning(command_line: CommandLine, tmp_path: Path) -> None:
+    """A shortened run used to look like one whose fault was not found."""
+    arguments = ("simulate", "paper", "--no-rerun", "--no-report")
+    short = command_line("hil", *arguments, "--out", tmp_path / "short", "--duration", 1)
+    assert short.code == 0
+    assert short.err == (
+        "hil: WARNING: the run ends at 1 s, before these faults begin: "
+        "pump_effectiveness 1 at 200 s, pump_effectiveness 2 at 200 s\n"
+    )
+    assert late_faults(load("paper").scenario) == ""
+    assert late_faults(load("paper").scenario, 200.1) == ""

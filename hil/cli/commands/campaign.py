@@ -40,7 +40,11 @@ def campaign(
     ] = None,
     report: ReportChoice = True,
 ) -> None:
-    """Run scenarios times faults times seeds: a table of outcomes and a report. Exit code 3: an invariant broke."""
+    """Run scenarios times faults times seeds: a table of outcomes and a report. Exit code 3: a run broke an invariant.
+
+    The invariants must hold in every run: no tank overflows, voltages stay in their range, pumps stop after a trip.
+    docs/how-to/campaign.md has all of them.
+    """
     from hil.bench.campaign_run import CampaignOptions
     from hil.cli import campaign_command as campaigns
 

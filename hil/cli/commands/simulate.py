@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 
 from hil.cli import exit_codes
-from hil.cli.complaint import interruptible
+from hil.cli.complaint import interruptible, warn
 from hil.cli.options import ConfigDir, Duration, OutDir, ReportChoice, RerunChoice, ScenarioFile
 
 EXAMPLE = "hil simulate paper --seed 3 --out runs/first"
@@ -25,10 +25,11 @@ def simulate(
     report: ReportChoice = True,
 ) -> None:
     """Run a scenario in lockstep with the emulator, every frame on a virtual CAN bus, much faster than real time."""
-    from hil.bench import assembly, lockstep_run, run_options
+    from hil.bench import assembly, late_faults, lockstep_run, run_options
     from hil.cli import run_display
 
     bench = assembly.load(scenario, config)
+    warn(late_faults.late_faults(bench.scenario, duration))
     folder = out or run_options.default_folder(bench.scenario.scenario.name, datetime.now())
     options = run_options.RunOptions(folder, seed, duration, rerun)
     console = Console()

@@ -113,7 +113,7 @@ ADAPTERS: dict[str, Adapter] = {
             errno.ENOENT: "is the adapter plugged in? /dev/serial/by-id lists serial devices",
             errno.EAGAIN: "stop the other program that uses the device",
             errno.EBUSY: "stop the other program that uses the device",
-            errno.ECONNREFUSED: "no program listens on this TCP port; start it first",
+            errno.ECONNREFUSED: "no program listens on this TCP port; start it first (firmware-sim --slcan PORT)",
         },
     ),
     "virtual": Adapter(

@@ -29,6 +29,10 @@ class SerialLine:
             self._port = serial.serial_for_url(url, baudrate=baud, timeout=0, exclusive=True)
         except (termios.error, ValueError) as error:
             raise OSError(errno.EINVAL, f"not a serial line: {error}") from None
+        except serial.SerialException as error:
+            if error.errno is None and isinstance(error.__context__, OSError):
+                error.errno = error.__context__.errno  # pyserial leaves it out for a TCP port
+            raise
         try:
             self._fd: int = self._port.fileno()
         except (AttributeError, io.UnsupportedOperation):
