@@ -171,7 +171,9 @@ def _figures(classes: Sequence[FaultClass], rows: Sequence[Row]) -> str:
 
 def _false_alarms(rows: Sequence[Row]) -> str:
     spurious = sum(row.spurious_alarms for row in rows)
-    text = f"{rate_text(statistics.false_alarms(rows))}. Spurious ones after a fault: {spurious}."
+    repeated = sum(row.repeated_alarms for row in rows)
+    again = f" Further ones with the name of a growing or intermittent fault: {repeated}." if repeated else ""
+    text = f"{rate_text(statistics.false_alarms(rows))}. Spurious ones after a fault: {spurious}.{again}"
     lines = [
         [row.key, row.scenario, row.label, str(row.seed), str(row.false_alarms), str(row.spurious_alarms), row.declared]
         for row in rows

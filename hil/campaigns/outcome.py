@@ -120,6 +120,7 @@ def _diagnosis(
         "flips": sum(finding.flips for finding in findings),
         "false_alarms": len(verdict.false),
         "spurious_alarms": len(verdict.spurious),
+        "repeated_alarms": len(verdict.repeated),
         "alarms_json": _json([asdict(finding) for finding in findings]),
         **dict.fromkeys(("detected", "detection_s", "isolation_s", "candidates_hold", "right")),
         **dict.fromkeys(("size_error_1s", "size_error_5s")),

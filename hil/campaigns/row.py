@@ -37,6 +37,7 @@ class Row:
     as they are, and nothing else. not_played : how many faults had not begun when the run ended; they are not judged,
     and where none was played, detected and what follows from it is None. size_error_* : of a pump's effectiveness, 1
     and 5 s after its isolation. declared : all that was named after the onset, each once.
+    repeated_alarms : later ones that name a growing or intermittent fault again.
     healthy_h : hours before the first fault of the process. spilled_cm3 : what went over a rim.
     overflow to crashed : the invariants, true where broken; broken : in words. wall_s, cpu_s : elapsed time, and
     processor time, which other programs don't lengthen.
@@ -92,6 +93,7 @@ class Row:
     steps: int
     wall_s: float
     cpu_s: float
+    repeated_alarms: int = 0
 
     @property
     def breaks(self) -> tuple[str, ...]:

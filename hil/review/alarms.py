@@ -89,13 +89,15 @@ class Judgement:
     """Findings compared with the injected faults.
 
     answers : for each of `faults` the finding that reports it, None for a missed fault. false : findings before the
-    first fault. spurious : later findings that report no injected fault. An intermittent fault may be reported again.
+    first fault. spurious : later findings that report no injected fault. repeated : later ones that report a growing
+    or intermittent fault again, by its own name; they are neither spurious nor a wrong name.
     """
 
     faults: tuple[Injected, ...]
     answers: tuple[Finding | None, ...]
     false: tuple[Finding, ...]
     spurious: tuple[Finding, ...]
+    repeated: tuple[Finding, ...] = ()
 
     @property
     def is_right(self) -> bool:
@@ -159,9 +161,10 @@ def judge(faults: Sequence[Injected], findings: Sequence[Finding]) -> Judgement:
             if answers[index] is None and match is not None:
                 answers[index] = match
                 left.remove(match)
-    again = [faults[index] for index in process if faults[index].period_s is not None]
-    spurious = tuple(finding for finding in left if not any(_names(finding, fault) for fault in again))
-    return Judgement(tuple(faults), tuple(answers), false, spurious)
+    changing = [faults[index] for index in process if faults[index].ramp_s > 0.0 or faults[index].period_s is not None]
+    repeated = tuple(finding for finding in left if any(_names(finding, fault) for fault in changing))
+    spurious = tuple(finding for finding in left if finding not in repeated)
+    return Judgement(tuple(faults), tuple(answers), false, spurious, repeated)
 
 
 def _first(number: int, alarm: Mapping[str, Any]) -> Finding:

@@ -197,7 +197,7 @@ def test_broken_invariants_are_the_exit_code_and_leave_their_scenario(
     assert run(file, tmp_path / "out", processes=1, duration_s=4.5) == 3
     (kept,) = (tmp_path / "out" / "cases").iterdir()
     assert assembly.load(kept).scenario.scenario.duration_s == 4.5
-    assert "broken in 1 runs" in (tmp_path / "out" / "report.html").read_text()
+    assert "broken in 1 run" in (tmp_path / "out" / "report.html").read_text()
 
 
 def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:

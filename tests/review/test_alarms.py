@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -67,9 +68,11 @@ def test_an_intermittent_fault_may_be_reported_each_time_it_comes_back() -> None
     findings = merged([alarm(101.0), alarm(105.0, is_recovery=True), alarm(110.0), alarm(119.0, "leak", number=2)])
     verdict = judge(played, findings)
     assert verdict.answers == (findings[0],)
-    assert verdict.spurious == (findings[2],)
+    assert (verdict.repeated, verdict.spurious) == ((findings[1],), (findings[2],))
     lasting = judge((PUMP,), findings)
-    assert lasting.spurious == findings[1:]
+    assert (lasting.repeated, lasting.spurious) == ((), findings[1:])
+    growing = judge((replace(PUMP, ramp_s=50.0),), findings[:2])
+    assert (growing.is_right, growing.repeated) == (True, findings[1:2])
 
 
 def test_a_bias_that_grows_may_be_called_a_drift() -> None:
