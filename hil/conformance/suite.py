@@ -47,6 +47,7 @@ TRIPS: tuple[tuple[str, ConformanceTest], ...] = (
     ("clearing needs rest", trip_tests.clear_must_be_at_rest),
     ("trip is cleared", trip_tests.clears),
     ("clearing is harmless when ready", trip_tests.clear_is_harmless),
+    ("clearing is ignored in run", trip_tests.clear_is_ignored_in_run),
 )
 WITH_PUMPS: tuple[tuple[str, ConformanceTest], ...] = (
     ("applies what is commanded", voltage_tests.applies),

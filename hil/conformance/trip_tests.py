@@ -9,13 +9,15 @@ from hil.core.types import NodeState
 from hil.doctor.check_watchdog import TOLERANCE_S, TRIPPED_BY_WATCHDOG, WATCHDOG_S
 from hil.probe.observation import STATUS
 
-READY, TRIPPED = NodeState.READY, NodeState.TRIPPED
+READY, RUN, TRIPPED = NodeState.READY, NodeState.RUN, NodeState.TRIPPED
 FEED_S, FRAMES = 0.04, 5
 LATCHED_S = 1.0
+MAX_ALONE_S = 2.0
+"""A watchdog that is slower than this counts as none; its own test says what is wrong with it."""
 
 
 def is_not_fed_by_refused(node: Dialogue) -> str:
-    """While it runs, it receives only refused frames of one kind: its watchdog must trip.
+    """While it runs, it receives only refused frames of one kind: its watchdog must trip when it trips in silence.
 
     Their counters differ, so that a node that accepts one by mistake also accepts the next one.
     """
@@ -26,6 +28,10 @@ def is_not_fed_by_refused(node: Dialogue) -> str:
         "a wrong length": lambda number: _too_long(node, number),
         "a voltage out of range": lambda number: node.sealed(node.body((50_001, 0), enable=False, ahead=number)),
     }
+    alone_s = _trips_alone_after_s(node)
+    if alone_s is None:
+        return f"it does not trip within {MAX_ALONE_S:g} s of silence either: see the watchdog's test"
+    wait_s = max(WATCHDOG_S, alone_s) + TOLERANCE_S + node.cycle_s
     for what, made in kinds.items():
         if not node.settle():
             return "the node can't be brought to ready"
@@ -34,12 +40,21 @@ def is_not_fed_by_refused(node: Dialogue) -> str:
         for number in range(FRAMES):
             node.probe.listen(FEED_S)
             node.probe.send(made(number).data)
-        node.probe.listen_until(sent_ns + round((WATCHDOG_S + TOLERANCE_S + node.cycle_s) * 1e9))
+        node.probe.listen_until(sent_ns + round(wait_s * 1e9))
         status = node.probe.listener.observed(sent_ns, node.probe.now_ns).last(STATUS)
         state = None if status is None else NodeState(int(status.values["State"]))
         if state is not TRIPPED:
             return f"still in state {state.name.lower() if state is not None else '?'}: {what} prevents the trip"
     return ""
+
+
+def _trips_alone_after_s(node: Dialogue) -> float | None:
+    """When the first status with "tripped" comes if nothing is sent; None if none comes within MAX_ALONE_S."""
+    node.settle()
+    node.send(node.valid(enable=True))
+    sent_ns = node.probe.send(node.valid(enable=True).data)
+    tripped = node.probe.await_status(MAX_ALONE_S, lambda status: int(status.values["State"]) == TRIPPED)
+    return None if tripped is None else (tripped.t_ns - sent_ns) * 1e-9
 
 
 def _body_and_crc(node: Dialogue, ahead: int, flip: int = 0) -> bytes:
@@ -90,3 +105,11 @@ def clears(node: Dialogue) -> str:
 def clear_is_harmless(node: Dialogue) -> str:
     """ClearTrip without a trip acts like any other command of 0 V."""
     return differences(node.send(node.valid(clear=True)), accepted=1, state=READY, cause=0, highest_V=0.0)
+
+
+def clear_is_ignored_in_run(node: Dialogue) -> str:
+    """ClearTrip while it runs is ignored: the node goes on with the rest of the command, enabled at 0 V."""
+    frames = [node.valid(enable=True), node.valid(enable=True, clear=True)]
+    reply = node.send(*frames)
+    wrong = differences(reply, accepted=2, echo=node.probe.counter, state=RUN, cause=0, highest_V=0.0)
+    return wrong or differences(node.send(node.valid()), accepted=1, state=READY, cause=0, highest_V=0.0)

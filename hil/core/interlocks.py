@@ -174,7 +174,7 @@ def _will_overflow(limits: Limits, s: Situation) -> bool:
 def _describe_levels(s: Situation) -> str:
     """The levels, and which of them are readings that the diagnosis does not trust."""
     text = "levels of {:.2f}, {:.2f}, {:.2f}, {:.2f} cm".format(*s.level_cm)
-    shown = [f"{n}" for n, (level, live) in enumerate(zip(s.level_cm, s.live_cm, strict=True), 1) if level == live]
+    shown = [f"{i + 1}" for i in range(4) if s.level_cm[i] == s.live_cm[i]]
     if not shown:
         return text
     return f"{text}; sensor {' and '.join(shown)}, which diagnosis does not trust, may be right"

@@ -21,6 +21,14 @@ SAMPLES = 20
 """Number of readings for the mean of a level."""
 RESPONSE_LOW, RESPONSE_HIGH = 0.5, 1.5
 NO_RESPONSE = 0.2
+WEAK_ADVICE = (
+    "less water than rig.toml says: is the pump weak, or a hose or valve partly shut? "
+    "If not, measure pumps.gain_cm3_Vs and valve_split and set them"
+)
+STRONG_ADVICE = (
+    "more water than rig.toml says: measure pumps.gain_cm3_Vs and valve_split and set them; "
+    "or tanks.area_cm2 is too large, or sensors.gain_V_cm too small"
+)
 HEADROOM_CM = 2.0
 """Required distance to safety.level_max_cm before a pump is moved."""
 DT_S = 0.02
@@ -123,11 +131,10 @@ def _check_response(ramp: Ramp, model: TankModel) -> list[Result]:
         if not share >= NO_RESPONSE:
             advice = "no water: check pump, supply, valve, reservoir and hose, and the sensor of this tank"
             results.append(failed(check, found, advice))
-        elif not RESPONSE_LOW <= share <= RESPONSE_HIGH:
-            advice = (
-                "measure pump gain and valve split and set them in rig.toml; or outlets differ, or the pump is weak"
-            )
-            results.append(warned(check, found, advice))
+        elif share < RESPONSE_LOW:
+            results.append(warned(check, found, WEAK_ADVICE))
+        elif not share <= RESPONSE_HIGH:
+            results.append(warned(check, found, STRONG_ADVICE))
         else:
             results.append(passed(check, found))
     return results

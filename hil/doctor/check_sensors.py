@@ -1,16 +1,18 @@
-"""Level sensors while no pump runs: in range, status OK, and noise as in the rig file.
+"""Level sensors while no pump runs: in range, status OK, zero where a tank is empty, and noise as in the rig file.
 
 Noise is computed from the steps between consecutive readings, sqrt(mean(step^2) / 2), so that a falling level adds
-none.
+none. Water in a tank falls, as eq. (1) says; a low reading that does not is the zero of the sensor of an empty tank.
 """
 
 from __future__ import annotations
 
 from itertools import pairwise
 from math import sqrt
+from statistics import fmean
 
 from hil.core.counted import counted
-from hil.core.types import Pair
+from hil.core.tanks import TankModel, level_rates
+from hil.core.types import Pair, Quad
 from hil.probe.observation import LEVEL_FRAMES, Observation
 from hil.probe.result import Result, failed, not_checked, passed, warned
 from hil.wire.receiver import CHANNEL_OK
@@ -21,20 +23,31 @@ NOISE_WARN, NOISE_FAIL = 1.5, 3.0
 QUIET_WARN = 0.4
 """Noise below this share of it: the rig file is wrong, or the signal is at the end of its range."""
 MIN_READINGS = 25
+DT_S = 0.05
 EMPTY_NOISES = 3.0
 """A level below so many times the noise counts as empty: its noise is cut off at 0 V."""
 
 
-def check_sensors(observation: Observation, range_V: Pair, noise_V: float) -> list[Result]:
-    """Range and noise of the four channels."""
+LOW_SHARE = 0.05
+"""A reading below this share of the range may be that of an empty tank."""
+STANDS_STILL = 0.3
+"""A reading that falls by less than this share of what water would do is not that of water."""
+FALL_STDS = 6.0
+"""The fall of water must be so many of its standard deviations, to be judged."""
+
+
+def check_sensors(observation: Observation, range_V: Pair, noise_V: float, model: TankModel) -> list[Result]:
+    """Range, zero and noise of the four channels."""
     results = []
+    falls_V = expected_falls(observation, model)
     for name, tanks in LEVEL_FRAMES.items():
         for tank in tanks:
             arrivals = observation.of(name)
             readings_V = [arrival.values[f"Level{tank}"] for arrival in arrivals]
             statuses = [int(arrival.values[f"Status{tank}"]) for arrival in arrivals]
             results += [
-                check_range(tank, readings_V, statuses, range_V),
+                check_zero(tank, readings_V, falls_V[tank - 1], range_V, noise_V)
+                or check_range(tank, readings_V, statuses, range_V),
                 check_noise(tank, readings_V, noise_V),
             ]
     return results
@@ -57,6 +70,44 @@ def check_range(tank: int, readings_V: list[float], statuses: list[int], range_V
         found = f"{outside} of {counted(len(readings_V), 'reading')} outside {low_V:g}..{high_V:g} V"
         return failed(check, found, "check the sensor, or sensors.range_V in rig.toml")
     return passed(check, f"{mean_V:.3f} V, {min(readings_V):.3f} to {max(readings_V):.3f} V")
+
+
+def expected_falls(observation: Observation, model: TankModel) -> Quad:
+    """(4,) by how many V each reading falls from the first to the last quarter of the observation, by eq. (1)."""
+    first_V, seconds = [], 0.0
+    for name, tanks in LEVEL_FRAMES.items():
+        arrivals = observation.of(name)
+        quarter = arrivals[: max(len(arrivals) // 4, 1)]
+        if not arrivals:
+            return (0.0, 0.0, 0.0, 0.0)
+        first_V += [fmean(arrival.values[f"Level{tank}"] for arrival in quarter) for tank in tanks]
+        seconds = 0.75 * (arrivals[-1].t_ns - arrivals[0].t_ns) * 1e-9
+    gain = model.level_gain_V_cm
+    start = h1, h2, h3, h4 = first_V[0] / gain, first_V[1] / gain, first_V[2] / gain, first_V[3] / gain
+    for _ in range(round(seconds / DT_S)):
+        r1, r2, r3, r4 = level_rates(model, (h1, h2, h3, h4), (0.0, 0.0))
+        h1, h2 = max(h1 + r1 * DT_S, 0.0), max(h2 + r2 * DT_S, 0.0)
+        h3, h4 = max(h3 + r3 * DT_S, 0.0), max(h4 + r4 * DT_S, 0.0)
+    s1, s2, s3, s4 = start
+    return gain * (s1 - h1), gain * (s2 - h2), gain * (s3 - h3), gain * (s4 - h4)
+
+
+def check_zero(tank: int, readings_V: list[float], fall_V: float, range_V: Pair, noise_V: float) -> Result | None:
+    """A warning if the reading is low, but not zero, and does not fall as water would; None otherwise.
+
+    fall_V : expected between the first and the last quarter of the readings.
+    """
+    quarter = len(readings_V) // 4
+    if len(readings_V) < MIN_READINGS:
+        return None
+    mean_V = fmean(readings_V)
+    is_low = EMPTY_NOISES * noise_V < mean_V < LOW_SHARE * range_V[1]
+    fell_V = fmean(readings_V[:quarter]) - fmean(readings_V[-quarter:])
+    if not is_low or fall_V < FALL_STDS * noise_V * sqrt(2.0 / quarter) or fell_V > STANDS_STILL * fall_V:
+        return None
+    found = f"{mean_V:.3f} V, and it does not fall: water would, by {fall_V:.3f} V"
+    advice = "if the tank is empty, adjust the sensor's zero; otherwise its outlet is blocked"
+    return warned(f"sensor {tank} range", found, advice)
 
 
 def check_noise(tank: int, readings_V: list[float], noise_V: float) -> Result:

@@ -43,7 +43,7 @@ def examine(probe: Probe, wants: Expectations, seconds: float, *, with_pumps: bo
         results += check_foreign_traffic(observation, wants.errors_per_s_max)
         results += check_nodes(observation)
         results += check_frames(observation)
-        results += check_sensors(observation, wants.sensor_range_V, wants.noise_V)
+        results += check_sensors(observation, wants.sensor_range_V, wants.noise_V, wants.model)
         _command(probe, wants, observation, results)
         if with_pumps:
             _move(probe, wants, results)

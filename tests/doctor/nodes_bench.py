@@ -225,6 +225,15 @@ class ClearingTrips(PumpNode):
             self.state, self.trip_cause = NodeState.TRIPPED, TripCause.WATCHDOG
 
 
+class ClearingStops(PumpNode):
+    """Takes ClearTrip for a stop: it goes to ready, at 0 V."""
+
+    def _execute(self, command: PumpCommand, now_ns: int) -> None:
+        super()._execute(command, now_ns)
+        if command.clear_trip and self.state is NodeState.RUN:
+            self.state, self.applied_V = NodeState.READY, (0.0, 0.0)
+
+
 class StaysEnabled(PumpNode):
     def _execute(self, command: PumpCommand, now_ns: int) -> None:
         if self.state is NodeState.RUN and not command.enable:

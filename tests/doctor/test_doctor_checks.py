@@ -212,6 +212,28 @@ def test_an_empty_tank_is_not_taken_for_a_stuck_sensor() -> None:
     assert {results[f"sensor {tank} noise"].verdict for tank in SENSORS} == {NOT_CHECKED}
 
 
+EMPTY = {"tanks": {"start_V": (0.0, 0.0), "hold_until_run": False}}
+"""Tanks that are empty, and whose outlets are open."""
+
+
+@pytest.mark.parametrize("tank", SENSORS)
+def test_the_zero_of_an_empty_tank_is_checked(tank: int) -> None:
+    """A sensor that shows 0.15 V in an empty tank passed: any reading in range did."""
+    results = examined(LockstepBench(overlay=EMPTY).inject(fault("sensor_bias", tank, 0.15)))
+    found = results[f"sensor {tank} range"]
+    assert found.verdict is WARN
+    assert "zero" in found.advice
+    assert float(found.found.split()[0]) == pytest.approx(0.15, abs=0.005)
+    others = [results[f"sensor {other} range"].verdict for other in SENSORS if other != tank]
+    assert others == [PASS] * 3
+
+
+def test_little_water_that_drains_is_no_wrong_zero() -> None:
+    overlay = {"tanks": {"start_V": (0.5, 0.5), "hold_until_run": False}}
+    results = examined(LockstepBench(overlay=overlay))
+    assert {results[f"sensor {tank} range"].verdict for tank in SENSORS} == {PASS}, results
+
+
 def test_a_draining_tank_adds_no_noise() -> None:
     results = examined(LockstepBench(overlay={"tanks": {"hold_until_run": False}}))
     assert {results[f"sensor {tank} noise"].verdict for tank in SENSORS} == {PASS}
@@ -314,6 +336,18 @@ def test_with_pumps_a_weak_or_dead_pump_is_found(what: FaultTable, check: str, v
     results = examined(bench, with_pumps=True)
     assert results[check].verdict is verdict, results
     assert bench.pump.applied_V == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(("gain", "advice", "other"), [(0.4, "weak", "more water"), (3.14, "more water", "weak")])
+def test_with_pumps_the_advice_is_about_the_right_direction(gain: float, advice: str, other: str) -> None:
+    """A pump with 314 % of the expected rise was said to be weak."""
+    given = (3.33 * gain, 3.35)
+    overlay = {"pumps": {"gain_cm3_Vs": given}, "tanks": {"start_V": (1.0, 1.0)}}
+    results = examined(LockstepBench(overlay=overlay), with_pumps=True)
+    for check in ("pump 1 to tank 1", "pump 1 to tank 4"):
+        assert results[check].verdict is WARN, results[check]
+        assert advice in results[check].advice
+        assert other not in results[check].advice
 
 
 def test_with_pumps_a_status_that_stays_away_ends_it_at_zero() -> None:

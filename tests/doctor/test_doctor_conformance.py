@@ -44,6 +44,7 @@ BROKEN = {
     nodes.KeepsCause: "trip is cleared",
     nodes.TripsWhenReady: "needs no commands when ready",
     nodes.ClearingTrips: "clearing is harmless when ready",
+    nodes.ClearingStops: "clearing is ignored in run",
     nodes.StaysEnabled: "runs when enabled",
     nodes.RunsUnasked: "takes valid commands",
     nodes.BootsWithVoltage: "waits at 0 V",
@@ -136,6 +137,23 @@ def test_a_node_that_fails_at_rest_gets_no_voltage_with_pumps(
 def test_the_watchdog_is_timed(monkeypatch: pytest.MonkeyPatch, watchdog_s: float, passes: bool) -> None:
     results, _ = tried(monkeypatch, PumpNode, overlay={"nodes": {"watchdog_s": watchdog_s}})
     assert (results["watchdog after 250 ms"].verdict is Verdict.PASS) is passes, results["watchdog after 250 ms"]
+
+
+def test_a_slow_watchdog_is_not_blamed_on_refused_frames(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A watchdog of 400 ms made the check say that a wrong CRC prevents the trip. Nor is its absence."""
+    results, _ = tried(monkeypatch, PumpNode, overlay={"nodes": {"watchdog_s": 0.4}})
+    assert "watchdog after 250 ms" in failures(results)
+    assert results["watchdog is not fed by refused frames"].verdict is Verdict.PASS
+    results, _ = tried(monkeypatch, nodes.NoWatchdog)
+    assert "silence" in results["watchdog is not fed by refused frames"].found
+    results, _ = tried(monkeypatch, nodes.IgnoresCrc, overlay={"nodes": {"watchdog_s": 0.4}})
+    assert "a wrong CRC prevents" in results["watchdog is not fed by refused frames"].found
+
+
+def test_clearing_in_run_only_fails_its_own_test(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A node that takes ClearTrip in run for a stop passed every test."""
+    results, _ = tried(monkeypatch, nodes.ClearingStops)
+    assert failures(results) == {"clearing is ignored in run"}
 
 
 def test_a_tripped_node_is_cleared_by_the_check(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -286,6 +286,7 @@ def test_limits_of_the_doctor_are_the_code_s() -> None:
     assert f"| {check_frames.LOSS_FAIL:.0%} or more |".replace("%", " %") in text
     assert f"{check_sensors.QUIET_WARN:g} to {check_sensors.NOISE_WARN:g} times" in text
     assert f"above {check_sensors.NOISE_FAIL:g} times" in text
+    assert f"below {check_sensors.LOW_SHARE:.0%} of the range".replace("%", " %") in text
     assert f"after the last command, within {check_watchdog.TOLERANCE_S * 1e3:g} ms" in text
     assert f"PumpStatus' period and {check_echo.MARGIN_S * 1e3:g} ms" in text
     assert f"{check_ramp.RESPONSE_LOW:g} to {check_ramp.RESPONSE_HIGH:g} times what rig.toml says" in text

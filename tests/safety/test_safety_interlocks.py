@@ -189,6 +189,48 @@ def test_one_sensor_may_be_lost_two_may_not(lost: tuple[int, ...], cause: TripCa
     assert cause_of(HEALTHY, believing(Diagnosis(trusted=doubted(*lost), level_V=REST_V))) is cause
 
 
+# sensors without trust that are alive
+
+
+def without_trust(*channels: int, live_cm: float, limits: interlocks.Limits = LIMITS) -> tuple[Supervision, str]:
+    """The supervisor's answer when these sensors without trust show a level, and the text of its first event."""
+    shown = quad(live_cm if i in channels else -math.inf for i in range(4))
+    diagnosis = Diagnosis(trusted=doubted(*channels), level_V=REST_V)
+    state, events = after(HEALTHY, believing(diagnosis, live_cm=shown), limits=limits)
+    return state, events[0].text
+
+
+@pytest.mark.parametrize("channel", range(4))
+def test_a_live_sensor_without_trust_keeps_its_veto_on_high_levels(channel: int) -> None:
+    """The model's level alone was used: a lower tank whose outlet clogged slowly overflowed without a trip."""
+    state, text = without_trust(channel, live_cm=19.01)
+    assert (state.mode, state.cause) == (Mode.TRIPPED, TripCause.HIGH_LEVEL)
+    assert text.endswith(f"cm; sensor {channel + 1}, which diagnosis does not trust, may be right")
+    assert "19.01" in text
+    for fine in (18.0, 0.0, -math.inf):
+        assert without_trust(channel, live_cm=fine)[0].mode is Mode.DEGRADED
+
+
+def test_the_higher_of_model_and_sensor_counts() -> None:
+    diagnosis = Diagnosis(trusted=doubted(1), level_V=quad((1.0, 2.0, 3.0, 4.0)))
+    for live, expected in ((5.0, 5.0), (3.0, 4.0), (-math.inf, 4.0)):
+        belief = Belief(diagnosis, REST_CM, live_cm=(-math.inf, live, -math.inf, -math.inf))
+        assert interlocks.levels_cm(LIMITS, HEALTHY, belief)[1] == expected
+
+
+def test_the_text_names_the_sensors_without_trust_whose_levels_count() -> None:
+    low = replace(LIMITS, level_max_cm=1.0)
+    assert without_trust(0, live_cm=13.0, limits=low)[1].endswith(
+        "; sensor 1, which diagnosis does not trust, may be right"
+    )
+    situation = replace(supervisor._situation(LIMITS, RUNNING, HEALTHY, NOW_NS, NO_BELIEF), level_cm=(13.0,) * 4)
+    high = next(interlock for interlock in INTERLOCKS if interlock.cause is TripCause.HIGH_LEVEL)
+    two = high.describe(replace(situation, live_cm=(13.0, -math.inf, 13.0, 12.0)))
+    assert two.endswith("13.00 cm; sensor 1 and 3, which diagnosis does not trust, may be right")
+    assert high.describe(situation).endswith("13.00 cm")
+    assert without_trust(0, live_cm=2.0, limits=low)[1].endswith(" cm")
+
+
 # overshoot
 
 

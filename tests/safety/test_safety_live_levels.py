@@ -9,7 +9,6 @@ import pytest
 
 from hil.core.diagnosis.ideal import NoDetector
 from hil.core.estimator import Estimate
-from hil.core.interlocks import Belief, levels_cm
 from hil.core.live_levels import (
     FORGET_S,
     NONE,
@@ -18,12 +17,11 @@ from hil.core.live_levels import (
     live_levels_cm,
     watch_readings,
 )
-from hil.core.supervisor import Supervision, next_mode
 from hil.core.tanks import TankModel
 from hil.core.types import Diagnosis, Inputs, Measurement, Mode, Pair, TripCause
 from tests.core.core_bench import Plant, bench_loop, controller_config, run
 from tests.narrowing import quad
-from tests.safety.safety_bench import ALL, BENCH, HEALTHY, LIMITS, REST_CM, REST_V, doubted, level
+from tests.safety.safety_bench import ALL, BENCH, HEALTHY, REST_CM, REST_V, doubted, level
 
 SECOND = 1_000_000_000
 DT_NS = SECOND // 10
@@ -180,49 +178,6 @@ def test_the_monitor_begins_with_nothing() -> None:
     first = watch_readings(BENCH, MAX_V, begun, HEALTHY.measurement, ALL, 7 * SECOND)
     assert first.reading_cm == pytest.approx(REST_CM)
     assert (first.sudden_cm, first.read_ns) == ((0.0,) * 4, (7 * SECOND,) * 4)
-
-
-# what the interlock on high levels does with it
-
-
-def without_trust(channel: int, live_cm: float, inputs: Inputs = HEALTHY, **more: Any) -> tuple[Supervision, str]:
-    """The supervisor's answer, and the text of its first event."""
-    shown = quad(live_cm if i == channel else -math.inf for i in range(4))
-    diagnosis = Diagnosis(trusted=doubted(channel), level_V=REST_V, **more)
-    belief = Belief(diagnosis, REST_CM, (3.0, 3.0), accommodates=True, live_cm=shown)
-    state, events = next_mode(LIMITS, Supervision(Mode.RUNNING, None, (3.0, 3.0)), inputs, SECOND, belief)
-    return state, events[0].text
-
-
-@pytest.mark.parametrize("channel", range(4))
-def test_a_live_sensor_without_trust_keeps_its_veto_on_high_levels(channel: int) -> None:
-    """The model's level alone was used: a lower tank whose outlet clogged slowly overflowed without a trip."""
-    state, text = without_trust(channel, 19.01)
-    assert (state.mode, state.cause) == (Mode.TRIPPED, TripCause.HIGH_LEVEL)
-    assert text.endswith(f"cm; sensor {channel + 1}, which diagnosis does not trust, may be right")
-    assert "19.01" in text
-    for fine in (18.0, 0.0, -math.inf):
-        assert without_trust(channel, fine)[0].mode is Mode.DEGRADED
-
-
-def test_the_higher_of_model_and_sensor_counts() -> None:
-    diagnosis = Diagnosis(trusted=doubted(1), level_V=quad((1.0, 2.0, 3.0, 4.0)))
-    for live, expected in ((5.0, 5.0), (3.0, 4.0), (-math.inf, 4.0)):
-        belief = Belief(diagnosis, REST_CM, live_cm=(-math.inf, live, -math.inf, -math.inf))
-        assert levels_cm(LIMITS, HEALTHY, belief)[1] == expected
-
-
-def test_two_live_sensors_are_both_named() -> None:
-    text = next_mode(
-        replace(LIMITS, level_max_cm=1.0),
-        Supervision(Mode.RUNNING, None, (3.0, 3.0)),
-        HEALTHY,
-        SECOND,
-        Belief(Diagnosis(trusted=doubted(0), level_V=REST_V), live_cm=(13.0, -math.inf, -math.inf, -math.inf)),
-    )[1][0].text
-    assert text.endswith("; sensor 1, which diagnosis does not trust, may be right")
-    plain = next_mode(replace(LIMITS, level_max_cm=1.0), Supervision(Mode.RUNNING), HEALTHY, SECOND)[1][0].text
-    assert plain.endswith(" cm")
 
 
 # the whole control step
