@@ -32,11 +32,11 @@ if TYPE_CHECKING:
     from hil.bench.design_figures import DesignFigures
     from hil.bench.results import CampaignResult, RunResult
     from hil.campaigns.row import Row
-    from hil.core.design import GainDesign, Gains
     from hil.core.diagnosis.detector import FaultDetector
     from hil.core.eigenstructure import DesignError
     from hil.core.errors import HilError
     from hil.core.estimator import Estimate
+    from hil.core.gain_design import GainDesign, Gains
     from hil.core.tanks import LinearModel
     from hil.core.types import Alarm, Diagnosis, Measurement
     from hil.edge.can.bus import BusError
@@ -84,7 +84,7 @@ _HOME = {
     "hil.bench.design_figures": ("DesignFigures",),
     "hil.bench.results": ("CampaignResult", "RunResult"),
     "hil.campaigns.row": ("Row",),
-    "hil.core.design": ("GainDesign", "Gains"),
+    "hil.core.gain_design": ("GainDesign", "Gains"),
     "hil.core.diagnosis.detector": ("FaultDetector",),
     "hil.core.eigenstructure": ("DesignError",),
     "hil.core.errors": ("HilError",),

@@ -18,8 +18,8 @@ from hil.bench.design_figures import DesignFigures, design_figures
 from hil.bench.results import CampaignResult, RunResult, result_of_folder
 from hil.bench.run_options import RunOptions
 from hil.campaigns.row import Row
-from hil.core.design import GainDesign
 from hil.core.diagnosis.detector import FaultDetector
+from hil.core.gain_design import GainDesign
 from hil.edge.can.bus import BusAddress
 from hil.edge.config.rig_file import load_rig
 from hil.edge.config.settings_file import MAX_DURATION_S, SettingsError, default_config_dir

@@ -14,10 +14,10 @@ from hil.bench.detectors import DETECTORS
 from hil.bench.dry_step import FAILURES, DryStepError, try_out
 from hil.core.closed_loop import LoopConfig
 from hil.core.controller import ControllerConfig, Output
-from hil.core.design import GainDesign
 from hil.core.diagnosis.detector import FaultDetector
 from hil.core.eigenstructure import DesignError
 from hil.core.estimator import LevelFilter
+from hil.core.gain_design import GainDesign
 from hil.core.interlocks import Limits
 from hil.core.reconfiguration import Reconfiguration
 from hil.core.tanks import equilibrium

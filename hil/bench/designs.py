@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from hil.bench.choice_table import Choice, ChoiceTable
-from hil.core.design import CalibratedDesign, GainDesign, choose_rig_design
+from hil.core.gain_design import CalibratedDesign, GainDesign, choose_rig_design
 from hil.core.tanks import equilibrium, linearise
 from hil.edge.config.rig_file import Rig
 

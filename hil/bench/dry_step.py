@@ -13,7 +13,7 @@ import numpy as np
 
 from hil.core import controller
 from hil.core.controller import ControllerConfig, ControllerState
-from hil.core.design import Gains, closed_loop_poles
+from hil.core.gain_design import Gains, closed_loop_poles
 from hil.core.tanks import Array, equilibrium, linearise, nearest_reachable
 from hil.core.types import BusHealth, Inputs, Measurement, NodeHealth, NodeState, Pair, PumpFeedback
 

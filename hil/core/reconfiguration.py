@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hil.core.design import GainDesign
+from hil.core.gain_design import GainDesign
 from hil.core.state_feedback import ControlLaw
 from hil.core.tanks import TankModel, equilibrium, linearise, nearest_reachable
 from hil.core.types import Pair

@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from hil.core.design import Gains
+from hil.core.gain_design import Gains
 from hil.core.types import Pair, Quad
 
 

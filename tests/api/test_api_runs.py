@@ -11,7 +11,7 @@ import pytest
 
 import hil
 from hil.campaigns.row import Row
-from hil.core.design import Gains
+from hil.core.gain_design import Gains
 from hil.core.tanks import LinearModel
 
 SHORT = """

@@ -13,9 +13,9 @@ import numpy.typing as npt
 from hil.core import controller
 from hil.core.closed_loop import LoopConfig
 from hil.core.controller import ControllerConfig, ControllerState
-from hil.core.design import CalibratedDesign, RigDesign, choose_rig_design
 from hil.core.diagnosis.ideal import NoDetector
 from hil.core.estimator import LevelFilter
+from hil.core.gain_design import CalibratedDesign, RigDesign, choose_rig_design
 from hil.core.interlocks import Limits
 from hil.core.reconfiguration import Reconfiguration
 from hil.core.tanks import LinearModel, TankModel, equilibrium, level_rates, linearise

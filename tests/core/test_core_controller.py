@@ -9,8 +9,8 @@ import pytest
 
 from hil.core import closed_loop, controller
 from hil.core.controller import ControllerState
-from hil.core.design import CalibratedDesign
 from hil.core.diagnosis.ideal import IdealDetector, NoDetector, PumpFault
+from hil.core.gain_design import CalibratedDesign
 from hil.core.tanks import TankModel, equilibrium
 from hil.core.types import Action, Inputs, Mode, NodeState, Pair, Request, Severity, TickRecord, Timing, TripCause
 from tests.core.core_bench import (

@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil.core.design import (
+from hil.core.eigenstructure import DesignError, augment
+from hil.core.gain_design import (
     Gains,
     RigDesign,
     choose_rig_design,
@@ -19,7 +20,6 @@ from hil.core.design import (
     decoupling_parameters,
     noise_gain,
 )
-from hil.core.eigenstructure import DesignError, augment
 from hil.core.tanks import Array, LinearModel, equilibrium, linearise, printed_linear_model, transmission_zeros
 from hil.core.types import Pair
 from tests.core.core_bench import BENCH, CALIBRATED, NOISE_GAIN_MAX, OUTPUT_POLES, at, rig_design

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.core import state_feedback
-from hil.core.design import Gains
 from hil.core.eigenstructure import assign, augment
+from hil.core.gain_design import Gains
 from hil.core.reconfiguration import MIN_EFFECTIVENESS, MIN_LINEARISED_CM
 from hil.core.state_feedback import ControlLaw
 from hil.core.tanks import equilibrium, linearise

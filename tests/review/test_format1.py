@@ -10,7 +10,7 @@ import can
 import numpy as np
 import pytest
 
-from hil.edge.record.run_folder import Clock, RunFolder
+from hil.edge.record.run_folder import ClockOffsets, RunFolder
 from hil.review.kpi import compute
 from hil.review.run_report import write_report
 from hil.review.ticks import read_ticks
@@ -28,7 +28,7 @@ def test_a_stored_record_of_format_1_is_read_and_reported(stored: RunFolder) -> 
     """Nothing read one before: a program that took format 2 only passed all tests."""
     assert json.loads(stored.manifest_path.read_text())["format"] == 1
     manifest = stored.manifest()
-    assert (manifest.status, manifest.clock) == ("complete", Clock(None, None))
+    assert (manifest.status, manifest.clock) == ("complete", ClockOffsets(None, None))
     kpi = compute(stored)
     assert kpi.ticks == 20
     assert kpi.iae_source == ("truth" if manifest.plan.mode == "lockstep" else "estimate")

@@ -18,7 +18,7 @@ from hil.bench.open_record import TimelineSettings, open_record
 from hil.core.types import Event, Severity
 from hil.edge.record.recorder import Recorder
 from hil.edge.record.recorder_process import MAX_BATCH_AGE_S, ProcessRecorder
-from hil.edge.record.run_folder import Clock, RunFolder, RunFolderError
+from hil.edge.record.run_folder import ClockOffsets, RunFolder, RunFolderError
 from hil.review.ticks import read_events, read_ticks
 from tests.review import recorder_bench as misbehaving
 from tests.review import toy
@@ -49,7 +49,7 @@ def play(recorder: Recorder | ProcessRecorder, until_s: float) -> None:
 
 def test_it_writes_what_the_direct_one_writes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """But for the length of the queue, which is the newest column."""
-    monkeypatch.setattr(Clock, "of", lambda _: Clock(1.8e9))  # two folders of the same moment
+    monkeypatch.setattr(ClockOffsets, "of", lambda _: ClockOffsets(1.8e9))  # two folders of the same moment
     folders = [RunFolder.create(tmp_path / name, toy.plan(mode="live")) for name in ("direct", "process")]
     direct = open_record(folders[0], None)
     play(direct, 20.0)

@@ -19,7 +19,7 @@ from hil.review.kpi import compute
 from hil.review.run_figures import thin
 from hil.review.run_report import write_report
 from hil.review.ticks import Ticks, read
-from hil.review.view import NoViewerError, view
+from hil.review.viewer import NoViewerError, view
 from tests.review import toy
 
 

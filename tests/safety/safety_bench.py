@@ -13,9 +13,9 @@ from can import Message
 from firmware_sim import frames as node
 from hil.core.closed_loop import LoopConfig
 from hil.core.controller import ControllerConfig
-from hil.core.design import choose_rig_design
 from hil.core.diagnosis.ideal import NoDetector
 from hil.core.estimator import LevelFilter
+from hil.core.gain_design import choose_rig_design
 from hil.core.interlocks import NO_FAULT, Belief
 from hil.core.reconfiguration import Reconfiguration
 from hil.core.tanks import TankModel, equilibrium, linearise

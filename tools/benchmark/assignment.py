@@ -13,8 +13,8 @@ import scipy.signal
 from numpy.typing import NDArray
 
 from hil.bench import assembly
-from hil.core.design import PAPER_ANGLES_RAD, PAPER_POLES
 from hil.core.eigenstructure import assign, augment
+from hil.core.gain_design import PAPER_ANGLES_RAD, PAPER_POLES
 from hil.core.tanks import equilibrium, linearise, printed_linear_model
 from tools.benchmark import SCENARIO
 from tools.benchmark.tables import Section, as_time, as_verdict

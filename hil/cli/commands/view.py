@@ -13,6 +13,6 @@ EXAMPLE = "hil view runs/first"
 def view(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A run folder.")]) -> None:
     """Open a run's recording in the Rerun viewer."""
     from hil.edge.record.run_folder import RunFolder
-    from hil.review.view import view as open_viewer
+    from hil.review.viewer import view as open_viewer
 
     open_viewer(RunFolder.open(folder))

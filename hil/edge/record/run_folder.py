@@ -87,7 +87,7 @@ class RunPlan:
 
 
 @dataclass(frozen=True, slots=True)
-class Clock:
+class ClockOffsets:
     """How the times of a record belong together. All of them run alike; each has its own zero.
 
     monotonic_zero_epoch_s, run_zero_epoch_s : time since the epoch at which the monotonic clock, or the run time `t_s`,
@@ -99,13 +99,13 @@ class Clock:
     run_zero_epoch_s: float | None = None
 
     @classmethod
-    def of(cls, mode: RunMode) -> Clock:
-        """The clock of a run that is about to start. Taken once: a wall clock that is set later changes no record."""
+    def of(cls, mode: RunMode) -> ClockOffsets:
+        """The offsets of a run that is about to start. Taken once: a wall clock that is set later changes no record."""
         is_live = mode == "live"
         return cls(round((time.time_ns() - time.monotonic_ns()) * 1e-9, 6) if is_live else 0.0)
 
-    def with_run_zero(self, monotonic_s: float) -> Clock:
-        """The clock with the run's time zero, given as monotonic time."""
+    def with_run_zero(self, monotonic_s: float) -> ClockOffsets:
+        """The offsets with the run's time zero, given as monotonic time."""
         return replace(self, run_zero_epoch_s=round((self.monotonic_zero_epoch_s or 0.0) + monotonic_s, 6))
 
 
@@ -121,7 +121,7 @@ class Manifest:
     versions: Mapping[str, str]
     speed_x: float | None = None
     recorder: Mapping[str, Any] = field(default_factory=dict)
-    clock: Clock = Clock()
+    clock: ClockOffsets = ClockOffsets()
 
     @property
     def outcome(self) -> str:
@@ -147,7 +147,7 @@ class Manifest:
             plan = {name: raw.pop(name) for name in RunPlan.__dataclass_fields__}
             windows = tuple(Window(**window) for window in plan.pop("windows"))
             del raw["format"]
-            clock = Clock(**raw.pop("clock", {}))
+            clock = ClockOffsets(**raw.pop("clock", {}))
             return cls(plan=RunPlan(windows=windows, **plan), clock=clock, **raw)
         except (ValueError, KeyError, TypeError) as error:
             raise RunFolderError(f"run.json is not a run's manifest: {error}") from error
@@ -174,7 +174,7 @@ class RunFolder:
         except OSError as error:
             raise RunFolderError(f"cannot make the run folder {path}: {error.strerror}") from error
         folder = cls(path, made)
-        manifest = Manifest(plan, "running", "", _utc(started), None, versions(), clock=Clock.of(plan.mode))
+        manifest = Manifest(plan, "running", "", _utc(started), None, versions(), clock=ClockOffsets.of(plan.mode))
         try:
             folder._write_manifest(manifest)
         except BaseException as error:
