@@ -69,8 +69,8 @@ def lockstep_profile(effort: Effort) -> list[Section]:
         if seconds > 0.001 * total
     ]
     functions = [
-        (_group(file), f"{name} ({Path(file).name}:{line})", as_share(seconds, total))
-        for (file, line, name), seconds in sorted(own.items(), key=lambda function: -function[1])[:PROFILE_ROWS]
+        (_group(file), f"{name} ({Path(file).name})", as_share(seconds, total))
+        for (file, _, name), seconds in sorted(own.items(), key=lambda function: -function[1])[:PROFILE_ROWS]
     ]
     by_module = (
         f"Own time in cProfile of one run of {SCENARIO.name} with Rerun; built-in and compiled functions count for "
