@@ -1,12 +1,13 @@
 """The way of commands into the emulator: sockets by hand, the process with its standard input."""
 
+import os
 import socket
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from firmware_sim import cli
+from firmware_sim import cli, command_server
 from firmware_sim.command_server import LINE_MAX, CommandServer, Lines, listen_unix
 from firmware_sim.links import listen
 from firmware_sim.rig import Rig
@@ -108,3 +109,21 @@ def test_a_control_address_that_can_not_be_had_is_one_line(where: str) -> None:
     assert done.returncode == 2
     assert done.stderr.startswith(f"firmware-sim: --control {where}: ")
     assert done.stderr.count("\n") == 1
+
+
+def test_a_line_of_standard_input_is_answered_on_standard_output(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    read_end, write_end = os.pipe()
+    monkeypatch.setattr(command_server, "STDIN", read_end)
+    server = CommandServer(rig_with(), with_stdin=True)
+    os.write(write_end, b"failure pump ok\nfailure nonsense\n")
+    server.read(SECOND)
+    first, second = capsys.readouterr().out.splitlines()
+    assert first.startswith("ok")
+    assert second.startswith("error: ")
+    os.close(write_end)
+    server.read(SECOND)
+    os.close(read_end)
+    server.read(SECOND)  # what has ended is not read again
+    server.close()
