@@ -1,7 +1,10 @@
 """A picture of a run's recording without a screen: `python tools/screenshot.py FOLDER OUT.png`.
 
 Starts Rerun's viewer on no screen, asks it what it shows until the recording is there, and has it save a picture. Needs
-a Vulkan driver; one in software will do (Debian: `apt-get install mesa-vulkan-drivers`).
+a Vulkan driver; one in software will do (Debian: `apt-get install mesa-vulkan-drivers`). README's picture is made by
+
+    hil simulate paper_glr --out runs/first --seed 7
+    python tools/screenshot.py runs/first docs/images/overview.png --at 230
 """
 
 from __future__ import annotations
@@ -15,9 +18,11 @@ import sys
 import time
 from pathlib import Path
 
+from PIL import Image
 from rerun.experimental import ViewerClient
 
 SIZE = "1600x1000"
+MENU_PX = 36
 SETTLE_S = 12.0  # until the viewer's messages at its start have disappeared
 
 
@@ -41,10 +46,17 @@ def screenshot(recording: Path, picture: Path, *, size: str = SIZE, at_s: float 
         client.save_screenshot(str(picture.resolve()))
         if not picture.is_file():
             raise RuntimeError(f"the viewer saved no picture to {picture}")
+        _without_menu(picture)
     finally:
         if viewer.poll() is None:
             os.killpg(viewer.pid, signal.SIGTERM)  # the process group that was started above: launcher and viewer
         viewer.communicate()
+
+
+def _without_menu(picture: Path) -> None:
+    """Cut the viewer's menu off, in which it warns of the machine that the picture is made on."""
+    with Image.open(picture) as whole:
+        whole.crop((0, MENU_PX, *whole.size)).save(picture, optimize=True)
 
 
 def _connect(viewer: subprocess.Popen[str], port: int, timeout_s: float = 30.0) -> ViewerClient:

@@ -131,16 +131,16 @@ def _cards(kpi: Kpi, *, is_live: bool) -> str:
 def _paper_table(runs: Sequence[Run]) -> str:
     rows = []
     for line in table3.lines(*(run.kpi for run in runs)):
-        cells = [line.window, line.strategy]
-        for index in (0, 1):
-            paper_Vs = line.paper_Vs[index]
-            cells.append(table3.cell(paper_Vs))
+        for output in (0, 1):
+            paper_Vs = line.paper_Vs[output]
+            cells = [line.window, line.strategy] if output == 0 else ["", ""]
+            cells += [str(output + 1), table3.cell(paper_Vs)]
             for ours in line.ours_Vs:
-                ours_Vs = None if ours is None else ours[index]
+                ours_Vs = None if ours is None else ours[output]
                 cells += [table3.cell(ours_Vs), table3.deviation(ours_Vs, paper_Vs)]
-        rows.append(cells)
+            rows.append(cells)
     ours_heads = [head for run in runs for head in (run.name or "this run", "off by")]
-    heads = ["window", "strategy", *(head for output in (1, 2) for head in (f"output {output}: paper", *ours_heads))]
+    heads = ["window", "strategy", "output", "paper", *ours_heads]
     sources = {"truth": "the true levels", "estimate": "the estimated levels"}
     named = " and ".join(sorted({sources[run.kpi.iae_source] for run in runs}))
     note = f'<p class="soft">Integral of the absolute error in V s, from {page.escape(named)}.</p>'
