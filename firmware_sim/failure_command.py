@@ -211,8 +211,9 @@ def _help(names: list[str]) -> str:
     component = _component(names[0])
     types = []
     for name, failure_type in component.types.items():
-        value = value_of(KINDS[failure_type.kind])
-        types.append(f"{name} (-v {value})" if value else name)
+        table = KINDS[failure_type.kind]
+        value, growth = value_of(table), "; -r" if table.grows_from else ""
+        types.append(f"{name} (-v {value}{growth})" if value else name)
     return f"ok {names[0]} -i 1 .. {len(component.targets)}: ok, {', '.join(types)}"
 
 

@@ -44,9 +44,10 @@ def as_markdown(kinds: dict[str, type[FaultTable]] = KINDS) -> str:
 
 
 def as_text(kinds: dict[str, type[FaultTable]] = KINDS) -> str:
-    """The kinds for a terminal: one line each, of kind, what it acts on, targets and values."""
+    """The kinds for a terminal: one line each, of kind, what it acts on, targets, values, growth."""
     return "".join(
-        f"{kind:20} {f'{table.acts_on} {targets_of(table)}'}{f'; {value_of(table)}' if value_of(table) else ''}\n"
+        f"{kind:20} {f'{table.acts_on} {targets_of(table)}'}{f'; {value_of(table)}' if value_of(table) else ''}"
+        f"{f'; grows from {table.grows_from}' if table.grows_from else ''}\n"
         for kind, table in kinds.items()
     )
 

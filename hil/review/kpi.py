@@ -164,9 +164,17 @@ def dry_run(times_s: Floats, applied_V: Floats, faults: Sequence[Injected]) -> b
     """Whether a pump was still driven `DRY_RUN_S` after the reservoir level was low. applied_V : (n, 2)."""
     is_driven = (applied_V > 0.0).any(axis=1)
     dry = [fault for fault in faults if fault.kind == RESERVOIR_LOW]
-    return any(
-        bool((is_driven & (times_s > fault.at_s + DRY_RUN_S) & (times_s < fault.until_s)).any()) for fault in dry
-    )
+    return any(bool((is_driven & (_seconds_there(fault, times_s) > DRY_RUN_S)).any()) for fault in dry)
+
+
+def _seconds_there(fault: Injected, times_s: Floats) -> Floats:
+    """For how long a fault has been there without a pause, at each time; -inf while it is away."""
+    run_s = times_s - fault.at_s
+    there_s = run_s if fault.period_s is None else run_s % fault.period_s
+    is_there = (run_s >= 0.0) & (times_s < fault.until_s)
+    if fault.period_s is not None:
+        is_there &= there_s < fault.duty * fault.period_s
+    return np.where(is_there, there_s, -np.inf)
 
 
 def output_levels(ticks: Ticks, gain_V_cm: float) -> Floats:

@@ -221,8 +221,9 @@ def test_help_of_a_component_has_each_failure_type_with_what_it_takes(name: str,
     assert answer.startswith(f"ok {name} -i 1 .. {len(component.targets)}: ok, ")
     assert recorder.faults == recorder.recoveries == []
     for failure_type, made in component.types.items():
-        value = value_of(KINDS[made.kind])
-        assert f", {failure_type}{f' (-v {value})' if value else ''}" in answer
+        table = KINDS[made.kind]
+        value, growth = value_of(table), "; -r" if table.grows_from else ""
+        assert f", {failure_type}{f' (-v {value}{growth})' if value else ''}" in answer
 
 
 def test_help_of_an_unknown_component_is_refused() -> None:

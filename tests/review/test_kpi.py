@@ -217,6 +217,13 @@ def test_a_pump_may_run_two_seconds_after_the_reservoir_is_low(driven_s: float, 
     assert dry_run(times_s, applied_V, (Injected("reservoir_low", 0, 1.0, 5.0),)) == is_dry
 
 
+@pytest.mark.parametrize(("present_s", "is_dry"), [(1.9, False), (2.5, True)])
+def test_a_reservoir_that_is_low_now_and_then_counts_from_each_time(present_s: float, is_dry: bool) -> None:
+    times_s = np.arange(0.0, 60.0, 0.1)
+    low = Injected("reservoir_low", 0, 1.0, 5.0, period_s=10.0, duty=present_s / 10.0)
+    assert dry_run(times_s, np.ones((len(times_s), 2)), (low,)) == is_dry
+
+
 def test_what_only_the_emulator_knows_is_not_made_up_for_a_live_run(tmp_path: Path) -> None:
     kpi = compute(toy.record_run(tmp_path / "run", live=True, until_s=30.0))
     assert (kpi.false_alarms, kpi.spurious_alarms, kpi.dry_run, kpi.iae_after_fault_Vs) == (None, None, None, None)
