@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil.bench.designs import DESIGNS
-from hil.bench.dry_step import FAILURES, gain_matrix
+from hil.bench.dry_step import FAILURES
 from hil.core.eigenstructure import ComplexArray, augment
-from hil.core.gain_design import CalibratedDesign, GainDesign, RigDesign, closed_loop_poles, noise_gain
+from hil.core.gain_design import CalibratedDesign, GainDesign, RigDesign, closed_loop_poles, gain_matrix, noise_gain
 from hil.core.tanks import Array, LinearModel, equilibrium, linearise, transmission_zeros
 from hil.core.types import Pair, Quad
 from hil.edge.config.rig_file import Rig

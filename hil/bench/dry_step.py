@@ -13,8 +13,8 @@ import numpy as np
 
 from hil.core import controller
 from hil.core.controller import ControllerConfig, ControllerState
-from hil.core.gain_design import Gains, closed_loop_poles
-from hil.core.tanks import Array, equilibrium, linearise, nearest_reachable
+from hil.core.gain_design import closed_loop_poles, gain_matrix
+from hil.core.tanks import equilibrium, linearise, nearest_reachable
 from hil.core.types import BusHealth, Inputs, Measurement, NodeHealth, NodeState, Pair, PumpFeedback
 
 STEPS = 4
@@ -37,11 +37,6 @@ def try_out(config: ControllerConfig) -> None:
         for at_s, reference_V in config.loop.references:
             _check_law(config, at_s, reference_V)
         _check_steps(config)
-
-
-def gain_matrix(gains: Gains) -> Array:
-    """K (2, 6) of u = -K [x; q], V/cm and 1/s."""
-    return np.hstack([np.array(gains.levels_V_cm), np.array(gains.integrals_1_s)])
 
 
 def _check_law(config: ControllerConfig, at_s: float, reference_V: Pair) -> None:

@@ -34,6 +34,12 @@ REFINED_CHANGE, REFINING_S = 0.01, 5.0
 SMALL_CHANGE, DWELL_S = 0.005, 10.0
 """Any other change of this size changes the law at most once in DWELL_S: a fault may come and go."""
 
+SPLIT_CHANGE, SPLIT_S = 0.01, 2.0
+"""A change of a valve's split of this size is followed, at most once in SPLIT_S."""
+
+UNSTABLE_S = 5.0
+"""A split is refined after it was found: no stable law for this time is a reason to stop. Instability grows slowly."""
+
 
 @dataclass(frozen=True)
 class LoopConfig:
@@ -56,16 +62,17 @@ class LoopConfig:
 class LoopState:
     """State of the control loop between two steps.
 
-    law_for : the reference and effectiveness that the law was computed for. changed_s : run time of the last change of
-    effectiveness that changed the law. refined_until_s : run time until which refinements of it are followed.
-    level_cm : (4,) the levels fed back. raw_V : (2,) what the law asks for at this step.
+    law_for : the reference, effectiveness and valve splits that the law was computed for. changed_s : run time of the
+    last change of effectiveness that changed the law. refined_until_s : run time until which refinements of it are
+    followed. level_cm : (4,) the levels fed back. raw_V : (2,) what the law asks for at this step. split_s : run time
+    of the last change of the splits. unstable_since_s : since when no law is stable, inf if one is.
     """
 
     started_ns: int
     stepped_ns: int
     reference_V: Pair
     law: ControlLaw
-    law_for: tuple[Pair, Pair]
+    law_for: tuple[Pair, Pair, Pair | None]
     integral_Vs: Pair
     estimate: Estimate
     memory: Any
@@ -75,6 +82,14 @@ class LoopState:
     level_cm: Quad
     changed_s: float = -inf
     refined_until_s: float = -inf
+    split_s: float = -inf
+    unstable_since_s: float = inf
+
+    @property
+    def problem(self) -> str:
+        """Why the outputs can't be held; "" if they can, or if it is not known for UNSTABLE_S yet."""
+        run_s = (self.stepped_ns - self.started_ns) * 1e-9
+        return self.law.problem if run_s - self.unstable_since_s >= UNSTABLE_S else ""
 
 
 def begin(config: LoopConfig, inputs: Inputs, now_ns: int) -> LoopState:
@@ -94,7 +109,7 @@ def begin(config: LoopConfig, inputs: Inputs, now_ns: int) -> LoopState:
         stepped_ns=now_ns,
         reference_V=reference,
         law=law,
-        law_for=(reference, HEALTHY),
+        law_for=(reference, HEALTHY, None),
         integral_Vs=integral,
         estimate=estimator.start(config.level_filter, inputs.measurement, applied_V),
         memory=config.detector.start(),
@@ -122,7 +137,10 @@ def step(config: LoopConfig, state: LoopState, inputs: Inputs, now_ns: int) -> t
             refined_until_s = t_s + REFINING_S if change >= LARGE_CHANGE else refined_until_s
         elif t_s <= refined_until_s and change >= REFINED_CHANGE:
             effectiveness = diagnosis.effectiveness
-    requested = (reference, effectiveness)
+    split, split_s = law_for[2], state.split_s
+    if config.reconfigure and _is_new_split(split, diagnosis.valve_split, t_s - split_s):
+        split, split_s = diagnosis.valve_split, t_s
+    requested = (reference, effectiveness, split)
     if requested != law_for:
         effective = state_feedback.effective_voltage(law, integral, level_cm)
         law, law_for = config.reconfiguration.law(*requested), requested
@@ -143,6 +161,8 @@ def step(config: LoopConfig, state: LoopState, inputs: Inputs, now_ns: int) -> t
         level_cm=level_cm,
         changed_s=changed_s,
         refined_until_s=refined_until_s,
+        split_s=split_s,
+        unstable_since_s=min(state.unstable_since_s, t_s) if law.problem else inf,
     )
     return new, _events(state, new)
 
@@ -215,6 +235,13 @@ def _feedback_level_cm(config: LoopConfig, measurement: Measurement, diagnosis: 
         y / k if ok else h for y, ok, h in zip(measurement.level_V, valid, estimate.level_cm, strict=True)
     )
     return (h1, h2, h3, h4)
+
+
+def _is_new_split(old: Pair | None, new: Pair | None, age_s: float) -> bool:
+    """Whether the law follows other splits than those age_s old: they are refined for some time."""
+    if old is None or new is None:
+        return old is not new
+    return age_s >= SPLIT_S and _change(old, new) >= SPLIT_CHANGE
 
 
 def _change(old: Pair, new: Pair) -> float:

@@ -140,6 +140,7 @@ def _observe(
         accommodates=config.loop.reconfigure,
         open_share=_smaller(outlets.open_share, live_outlets.open_share),
         live_cm=live_cm,
+        law_problem=loop.problem,
     )
     return Monitors(outlets=outlets, live_outlets=live_outlets, live=live), belief
 

@@ -197,3 +197,8 @@ def closed_loop_poles(linear: LinearModel, K: Array, effectiveness: Pair = (1.0,
     A, B = augment(linear)
     poles = np.linalg.eigvals(A - B @ np.diag(effectiveness) @ K).astype(complex)
     return poles[np.argsort(-poles.real)]
+
+
+def gain_matrix(gains: Gains) -> Array:
+    """K (2, 6) of u = -K [x; q], V/cm and 1/s."""
+    return np.hstack([np.array(gains.levels_V_cm), np.array(gains.integrals_1_s)])

@@ -65,7 +65,7 @@ class Belief:
 
     level_cm : (4,) estimated levels, None before the first estimate. pump_V : (2,) what the pumps deliver, lag
     included. accommodates : whether the law follows the diagnosis. open_share : (2,) see `overshoot.Outlets`. live_cm :
-    (4,) see `live_levels`.
+    (4,) see `live_levels`. law_problem : why the law can't hold the outputs; "" if it can.
     """
 
     diagnosis: Diagnosis = NO_FAULT
@@ -74,6 +74,7 @@ class Belief:
     accommodates: bool = False
     open_share: Pair = (1.0, 1.0)
     live_cm: Quad = NONE
+    law_problem: str = ""
 
 
 NO_BELIEF = Belief()
@@ -85,7 +86,8 @@ class Situation:
 
     level_cm : (4,) of `levels_cm`. pump_V : (2,) the most that a pump may still deliver, as a voltage of a nominal
     pump. mismatch_s : how long the applied voltages have differed from the echoed command. open_share : (2,) of the
-    lower tanks' outlets. live_cm : (4,) levels of sensors that are not trusted, -inf for others.
+    lower tanks' outlets. live_cm : (4,) levels of sensors that are not trusted, -inf for others. law_problem : of the
+    belief.
     """
 
     inputs: Inputs
@@ -95,6 +97,7 @@ class Situation:
     mismatch_s: float
     open_share: Pair
     live_cm: Quad = NONE
+    law_problem: str = ""
 
 
 class Reaction(Enum):
@@ -309,6 +312,13 @@ INTERLOCKS: tuple[Interlock, ...] = (
         "a pump is dead",
         Reaction.STOP,
         may_bypass=True,
+    ),
+    Interlock(
+        TripCause.NO_STABLE_LAW,
+        lambda _, s: bool(s.law_problem),
+        "no control law can hold the outputs",
+        Reaction.STOP,
+        detail=lambda s: s.law_problem,
     ),
     Interlock(
         TripCause.SENSORS_LOST,

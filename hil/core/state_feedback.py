@@ -22,7 +22,7 @@ class ControlLaw:
 
     operating_level_cm : (4,) h0 in x = h - h0. operating_V : (2,) v0, for nominal pumps. target_V : (2,) outputs in
     force. effectiveness : (2,) theta in v = (v0 + u)/theta. reason : why the target is not the reference; "" if it is.
-    standby_V : (2,) voltage of a dead pump; None for a pump that works.
+    standby_V : (2,) voltage of a dead pump; None for a pump that works. problem : why the loop is not stable, or "".
     """
 
     gains: Gains
@@ -32,6 +32,7 @@ class ControlLaw:
     effectiveness: Pair
     reason: str
     standby_V: tuple[float | None, float | None] = (None, None)
+    problem: str = ""
 
     @cached_property
     def pump_gain(self) -> tuple[float, ...]:

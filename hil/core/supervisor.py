@@ -211,7 +211,7 @@ def _step_moving(limits: Limits, state: Supervision, requested: Requests, situat
     if state.mode is Mode.STOPPING:
         return state, ()
     if active is not None:
-        return _stop_for(state, active)
+        return _stop_for(state, active, situation)
     if Action.STOP in requested:
         return _enter_mode(replace(state, stopped_by=OPERATOR), Mode.STOPPING)
     if situation.inputs.stop_requested:
@@ -228,9 +228,9 @@ def _refusal(action: Action, reason: str, text: str) -> Event:
     return Event(Severity.WARNING, "refused", f"{action} refused: {text}", {"action": action.value, "reason": reason})
 
 
-def _stop_for(state: Supervision, active: Interlock) -> Step:
+def _stop_for(state: Supervision, active: Interlock, situation: Situation) -> Step:
     """Begin the orderly stop that an interlock requires."""
-    event = Event(Severity.ERROR, "stop", f"stopping: {active.text}", {"cause": active.cause.value})
+    event = Event(Severity.ERROR, "stop", f"stopping: {active.describe(situation)}", {"cause": active.cause.value})
     state, events = _enter_mode(replace(state, stopped_by=active.cause.value), Mode.STOPPING)
     return state, (event, *events)
 
@@ -271,6 +271,7 @@ def _situation(limits: Limits, state: Supervision, inputs: Inputs, now_ns: int, 
         mismatch_s=(now_ns - since_ns) * 1e-9 if since_ns >= 0 else 0.0,
         open_share=belief.open_share,
         live_cm=belief.live_cm,
+        law_problem=belief.law_problem,
     )
 
 

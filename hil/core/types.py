@@ -66,6 +66,7 @@ class TripCause(StrEnum):
     DRY_RUN = "dry_run"
     PUMP_STUCK_ON = "pump_stuck_on"
     PUMP_DEAD = "pump_dead"
+    NO_STABLE_LAW = "no_stable_law"
     ESTIMATOR_DIVERGED = "estimator_diverged"
     BUS_FAILED = "bus_failed"
     CONTROLLER_FAILED = "controller_failed"
@@ -258,6 +259,7 @@ class Diagnosis:
     is_blind : a level has no sensor, and the model can no longer estimate it.
     refuted : (4,) sensors that are not trusted and can't show the level, whatever the fault: they keep no veto on high
     levels. A sensor that may drift because a leak or a blockage moves the level is not refuted.
+    valve_split : (2,) splits of the valves if one has shifted; None if they are the rig file's.
     """
 
     effectiveness: Pair = (1.0, 1.0)
@@ -269,6 +271,7 @@ class Diagnosis:
     unproven: tuple[bool, bool] = (False, False)
     is_blind: bool = False
     refuted: tuple[bool, bool, bool, bool] = (False, False, False, False)
+    valve_split: Pair | None = None
 
     @property
     def has_fault(self) -> bool:

@@ -54,7 +54,7 @@ class Halved:
 
     def gains(self, linear: LinearModel) -> Gains:
         from hil.bench.designs import rig_design
-        from hil.bench.dry_step import gain_matrix
+        from hil.core.gain_design import gain_matrix
 
         return hil.Gains.from_matrix(self._scale * gain_matrix(rig_design(self._design).gains(linear)))
 

@@ -1,6 +1,7 @@
 """Control law and state feedback: rescaling by effectiveness, bumpless changes, anti-windup, reachable targets."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,14 +9,28 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil.core import state_feedback
+from hil.core import closed_loop, state_feedback
+from hil.core.diagnosis.ideal import NoDetector
 from hil.core.eigenstructure import assign, augment
-from hil.core.gain_design import Gains
+from hil.core.estimator import Estimate
+from hil.core.gain_design import Gains, closed_loop_poles, gain_matrix
 from hil.core.reconfiguration import MIN_EFFECTIVENESS, MIN_LINEARISED_CM
 from hil.core.state_feedback import ControlLaw
 from hil.core.tanks import equilibrium, linearise
-from hil.core.types import Pair, Quad
-from tests.core.core_bench import BENCH, CALIBRATED, PERIOD_S, Plant, at, reconfiguration, rig_design
+from hil.core.types import Diagnosis, Measurement, Pair, Quad
+from tests.core.core_bench import (
+    BENCH,
+    CALIBRATED,
+    PERIOD_S,
+    SECOND,
+    Plant,
+    at,
+    bench_loop,
+    inputs,
+    reconfiguration,
+    rig_design,
+    volts,
+)
 from tests.narrowing import pair
 
 RIG = reconfiguration()
@@ -238,3 +253,88 @@ def test_empty_tanks_still_have_a_law() -> None:
 
 def test_the_same_request_gives_the_same_law() -> None:
     assert RIG.law(reference_at(), (0.4, 0.7)) == RIG.law(reference_at(), (0.4, 0.7))
+
+
+# valves that have shifted
+
+
+@pytest.mark.parametrize("split", [(0.6, 0.6), (0.65, 0.55), (0.9, 0.6)])
+def test_a_shifted_valve_moves_the_operating_point_and_keeps_gains_that_are_stable(split: Pair) -> None:
+    before, law = RIG.law(reference_at(), HEALTHY), RIG.law(reference_at(), HEALTHY, split)
+    found = replace(BENCH, valve_split=split)
+    assert law.gains == before.gains
+    assert law.problem == ""
+    assert law.target_V == before.target_V
+    assert 0.5 * np.array(equilibrium(found, law.operating_V)[:2]) == pytest.approx(reference_at())
+    assert law.operating_level_cm == pytest.approx(equilibrium(found, law.operating_V))
+
+
+def test_the_target_is_what_the_valves_found_can_reach() -> None:
+    law = RIG.law(reference_at(), HEALTHY, (0.45, 0.6))
+    assert "pump 2 would need -11.9" in law.reason
+    assert law.target_V != reference_at()
+    assert min(law.operating_V) == 0.0
+
+
+@pytest.mark.parametrize("split", [(0.254, 0.6), (0.7, 0.2), (0.4, 0.6), (0.0, 0.0)])
+def test_beyond_a_sum_of_one_no_law_is_stable_and_the_law_says_so(split: Pair) -> None:
+    """A zero in the right half plane, or at the origin: the decoupling design would put a pole on it."""
+    law = RIG.law(reference_at(), HEALTHY, split)
+    assert law.problem == f"valve splits of {split[0]:.3f} and {split[1]:.3f} leave no stable law"
+    assert replace(law, problem="") == RIG.law(reference_at(), HEALTHY)
+
+
+def test_gains_that_are_no_longer_stable_are_computed_again() -> None:
+    split = (0.92517, 0.08241)
+    law = RIG.law(reference_at(), HEALTHY, split)
+    assert law.problem == ""
+    assert law.gains != RIG.law(reference_at(), HEALTHY).gains
+    h1, h2, h3, h4 = (max(h, MIN_LINEARISED_CM) for h in law.operating_level_cm)
+    linear = linearise(replace(BENCH, valve_split=split), (h1, h2, h3, h4))
+    assert closed_loop_poles(linear, gain_matrix(law.gains))[0].real < 0.0
+
+
+def test_with_a_dead_pump_the_splits_are_left_alone() -> None:
+    assert RIG.law(reference_at(), (0.0, 1.0), (0.25, 0.6)) == RIG.law(reference_at(), (0.0, 1.0))
+
+
+class FindsSplit(NoDetector):
+    """A detector that finds splits, by run time."""
+
+    def __init__(self, *found: tuple[float, Pair | None]) -> None:
+        self.found = found
+
+    def step(
+        self, memory: object, t_s: float, measurement: Measurement, estimate: Estimate, applied_V: Pair
+    ) -> tuple[None, Diagnosis]:
+        del memory, measurement, estimate, applied_V
+        return None, Diagnosis(valve_split=next(split for at_s, split in reversed(self.found) if at_s <= t_s + 1e-6))
+
+
+def loops_with(*found: tuple[float, Pair | None], seconds: float, **changes: Any) -> list[closed_loop.LoopState]:
+    """The loop's states, at rest, with what the detector finds."""
+    config = bench_loop(detector=FindsSplit(*found), **changes)
+    seen = inputs(volts(equilibrium(BENCH, (3.0, 3.0))), (3.0, 3.0))
+    states = [closed_loop.begin(config, seen, 0)]
+    for number in range(1, round(10 * seconds) + 1):
+        states.append(closed_loop.step(config, states[-1], seen, number * SECOND // 10)[0])
+    return states
+
+
+def test_the_loop_waits_for_a_split_to_be_refined_before_it_gives_up() -> None:
+    bad = (0.25, 0.6)
+    states = loops_with((0.0, None), (1.0, bad), seconds=8.0)
+    assert [state.problem != "" for state in states] == [n >= 60 for n in range(81)]
+    assert all((state.law.problem != "") is (n >= 10) for n, state in enumerate(states))
+    for later in (None, (0.6, 0.6)):
+        states = loops_with((0.0, None), (1.0, bad), (4.0, later), seconds=12.0)
+        assert not any(state.problem for state in states)
+    assert not any(state.problem for state in loops_with((0.0, bad), seconds=8.0, reconfigure=False))
+
+
+def test_the_law_follows_a_split_every_two_seconds_and_only_changes_that_matter() -> None:
+    states = loops_with((0.0, None), (1.0, (0.7, 0.5)), (1.1, (0.7, 0.55)), (3.5, (0.7, 0.559)), seconds=6.0)
+    assert [states[n].law_for[2] for n in (9, 10, 29)] == [None, (0.7, 0.5), (0.7, 0.5)]
+    assert [states[n].law_for[2] for n in (30, 60)] == [(0.7, 0.55), (0.7, 0.55)]
+    away = loops_with((0.0, (0.7, 0.5)), (0.5, None), seconds=0.6)
+    assert [away[n].law_for[2] for n in (4, 5)] == [(0.7, 0.5), None]

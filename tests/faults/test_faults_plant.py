@@ -75,6 +75,15 @@ def test_case_44_valve_split_drifts(pump: int, by: float) -> None:
     assert not [name for name in run.names if name.startswith(("sensor", *PUMP_KINDS))], run.told
 
 
+@pytest.mark.parametrize("pump", first(1, 1, 2))
+def test_case_44_valve_beyond_a_sum_of_one_stops(pump: int) -> None:
+    """The law of the rig file's splits is unstable then, and no other one holds the outputs: it ran into a trip."""
+    run = play(watched(fault("valve_split", AT_S, pump, 0.25), duration_s=60.0))
+    assert run.names == [f"valve_split {pump}"], run.told
+    assert (run.outcome.status, run.outcome.reason) == ("stopped", "no_stable_law"), run.told
+    assert max(max(truth.levels_cm) for truth in run.keeper.truths) < 16.0
+
+
 def wandering(duration_s: float) -> tuple[tuple[float, Pair], ...]:
     """References that step every 40 s, up and down."""
     steps = ((0.3, 0.2), (-0.2, 0.1), (-0.1, -0.3), (0.0, 0.0), (0.2, -0.2), (-0.2, 0.2))

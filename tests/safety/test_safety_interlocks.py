@@ -100,6 +100,7 @@ def test_trips_stand_before_stops() -> None:
     assert reactions == sorted(reactions, key=lambda reaction: reaction is Reaction.STOP)
     assert [i.cause for i in INTERLOCKS if i.reaction is Reaction.STOP] == [
         TripCause.PUMP_DEAD,
+        TripCause.NO_STABLE_LAW,
         TripCause.SENSORS_LOST,
     ]
 
@@ -336,6 +337,15 @@ def test_a_dead_pump_stops_the_run_if_so_configured(theta: Pair) -> None:
     assert events[0].data == {"cause": "pump_dead"}
     assert after(off, believing(Diagnosis(theta)))[0].mode is Mode.DEGRADED
     assert after(off, believing(Diagnosis((0.1, 0.1))), limits=stops)[0].mode is Mode.DEGRADED
+
+
+def test_a_law_that_can_not_be_stable_stops_the_run_and_says_why() -> None:
+    """A valve beyond gamma1 + gamma2 = 1 was named in 0.3 s, and the run went on into the high-level trip."""
+    why = "valve splits of 0.250 and 0.600 leave no stable law"
+    state, events = after(HEALTHY, believing(Diagnosis(), law_problem=why))
+    assert (state.mode, state.cause, state.stopped_by) == (Mode.STOPPING, None, "no_stable_law")
+    assert events[0].text == f"stopping: no control law can hold the outputs: {why}"
+    assert after(HEALTHY, believing(Diagnosis()))[0].mode is Mode.RUNNING
 
 
 @pytest.mark.parametrize("sensor", range(4))

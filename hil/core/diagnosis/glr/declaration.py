@@ -138,6 +138,17 @@ def effectiveness(m: Memory) -> Pair:
     return left[0], left[1]
 
 
+def valve_split(config: DetectorConfig, m: Memory) -> Pair | None:
+    """(2,) the valves' splits if a shift of one was declared, otherwise None."""
+    if not any(j in m.declared for j in SPLITS):
+        return None
+    first, second = (
+        float(config.model.valve_split[valve] * (m.x[SPLIT + valve] if SPLITS[valve] in m.declared else 1.0))
+        for valve in range(2)
+    )
+    return min(max(first, 0.0), 1.0), min(max(second, 0.0), 1.0)
+
+
 def watch_unproven(m: Memory) -> None:
     """Whether the pump that was at rest when the other one failed has been seen to work since."""
     if m.unproven is None:

@@ -176,6 +176,7 @@ class GlrDetector:
             unproven=declaration.unproven(self.config, m),
             is_blind=declaration.is_blind(m),
             refuted=(refuted[0], refuted[1], refuted[2], refuted[3]),
+            valve_split=declaration.valve_split(self.config, m),
         )
 
     def _is_diverged(self, m: Memory, level_cm: float) -> bool:
