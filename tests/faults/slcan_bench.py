@@ -179,13 +179,17 @@ def _closing_once(what: T, how: Callable[[T], None]) -> Iterator[Callable[[], No
 
 
 class Line:
-    """A pty or a TCP port to play on. host, far : the ends of the line that is open, or was last."""
+    """A pty or a TCP port to play on. host, far : the ends of the line that is open, or was last.
+
+    opened : how often a line was opened. commands : lines that reached the far end. delivered : bytes that came back.
+    """
 
     def __init__(
         self,
         line: Callable[[], AbstractContextManager[tuple[str, Callable[[], int], Callable[[], None]]]],
     ) -> None:
         self._line = line
+        self.opened = self.commands = self.delivered = 0
         self.play = partial(play, ends=self.ends)
 
     @contextmanager
@@ -206,8 +210,11 @@ class Line:
             try:
                 self.far = Far(found[0], unplug, self.host)
                 self.host.listen_to(self.far)
+                self.opened += 1
                 yield self.host, self.far
             finally:
+                self.commands += self.far.heard
+                self.delivered += self.far.delivered
                 self.far.shutdown()
                 self.host.shutdown()
 

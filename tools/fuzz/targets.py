@@ -9,7 +9,7 @@ import can
 
 from firmware_sim.slcan_port import LINE_MAX, SlcanPort
 from hil.core.types import Command
-from hil.edge.can.slcan_lines import BELL, CR, MAX_LINE_BYTES, LineReader, frame_line, parse_frame
+from hil.edge.can.slcan_lines import BELL, CR, LF, MAX_LINE_BYTES, LineReader, Reject, frame_line, parse_frame
 from hil.edge.config.settings_file import default_config_dir
 from hil.wire.command_sender import CommandSender
 from hil.wire.contract import Contract, crc8
@@ -43,6 +43,10 @@ def slcan(data: bytes) -> None:
     check([_content(frame) for frame in frames] == [_content(frame) for frame in pieces], "a cut changes frames")
     check(_counts(whole) == _counts(cut), "a cut changes counts")
     check(whole.refused == stream.count(BELL), "refusals miscounted")
+    ended = _lines_ended(stream)
+    texts = whole.texts - whole.rejected[Reject.UNKNOWN]  # those are rejected, too
+    counted = len(frames) + whole.done + texts + whole.rejected.total()
+    check(ended in (None, counted), "a line is not counted once")
     for frame in frames:
         line = frame_line(frame)
         again = parse_frame(line[:-1])
@@ -132,6 +136,13 @@ def contract() -> Contract:
 
 def _content(frame: can.Message) -> tuple[object, ...]:
     return frame.arbitration_id, frame.is_extended_id, frame.is_remote_frame, frame.dlc, bytes(frame.data)
+
+
+def _lines_ended(stream: bytes) -> int | None:
+    """How many lines a stream ends; None where refusals or endless lines cut other lines off."""
+    *lines, rest = stream.replace(CR + LF, CR).replace(LF, CR).split(CR)
+    is_simple = BELL not in stream and all(len(line) <= MAX_LINE_BYTES for line in (*lines, rest))
+    return len(lines) if is_simple else None
 
 
 def _counts(reader: LineReader) -> tuple[object, ...]:
