@@ -1,4 +1,4 @@
-"""The least time in which any detector can find a scenario's faults, from `detection_bound`."""
+"""How soon at the least half of all runs can have an alarm of a scenario's faults, from `detection_bound`."""
 
 from __future__ import annotations
 
@@ -11,13 +11,15 @@ from hil.core.types import Pair
 from hil.edge.config.rig_file import Rig
 
 STEP_TOLERANCE = 1e-9
+LEARNING_S = 60.0
+"""The time before the fault is rounded up to a multiple of this, so that runs share a bound. More time teaches more."""
 
 
 def information_bound(bench: Bench, reading_s: float) -> float | None:
-    """Seconds that any detector needs for the scenario's faults; None unless they are lasting jumps of one onset.
+    """Seconds until a detector can have found the scenario's faults in half of all runs, in the best case.
 
-    The pumps are taken to hold the reference that is in force when the fault begins. What is known between two control
-    steps counts from the next one: no detector says anything before.
+    None unless the faults are lasting jumps of one onset. The pumps are taken to hold each reference from its
+    beginning. What is known between two control steps counts from the next one: no detector says anything before.
     """
     faults = bench.scenario.fault
     onsets = {fault.at_s for fault in faults}
@@ -36,19 +38,31 @@ def information_bound(bench: Bench, reading_s: float) -> float | None:
     if len(jumps) != len(faults):
         return None
     onset_s = onsets.pop()
-    levels_V = [at for at in reference_schedule(bench.scenario, bench.rig, "") if at[0] <= onset_s][-1][1]
-    k = model.level_gain_V_cm
-    holding_V = holding_voltages(model, (levels_V[0] / k, levels_V[1] / k))
-    bound_s = _bound(bench.rig, reading_s, tuple(sorted(jumps.items())), holding_V)
+    bound_s = _bound(bench.rig, reading_s, tuple(sorted(jumps.items())), _held(bench, onset_s))
     if bound_s is None:
         return None
     period_s = bench.rig.control.period_s
     return ceil((onset_s + bound_s) / period_s - STEP_TOLERANCE) * period_s - onset_s
 
 
+def _held(bench: Bench, onset_s: float) -> tuple[tuple[float, Pair], ...]:
+    """How long the pumps hold each reference up to the onset, s, and at which voltages."""
+    model = bench.rig.tank_model
+    k = model.level_gain_V_cm
+    schedule = [at for at in reference_schedule(bench.scenario, bench.rig, "") if at[0] <= onset_s]
+    held = []
+    for (from_s, (y1, y2)), until_s in zip(schedule, [*(at for at, _ in schedule[1:]), onset_s], strict=True):
+        is_last = until_s == onset_s
+        time_s = ceil((until_s - from_s) / LEARNING_S) * LEARNING_S if is_last else until_s - from_s
+        held.append((time_s, holding_voltages(model, (y1 / k, y2 / k))))
+    return tuple(held)
+
+
 @lru_cache(maxsize=256)
-def _bound(rig: Rig, reading_s: float, jumps: tuple[tuple[int, float], ...], holding_V: Pair) -> float | None:
+def _bound(
+    rig: Rig, reading_s: float, jumps: tuple[tuple[int, float], ...], held: tuple[tuple[float, Pair], ...]
+) -> float | None:
     from hil.core.diagnosis.glr.detection_bound import detection_bound_s
 
     period_s, noise_V = rig.control.period_s, rig.sensors.noise_V
-    return detection_bound_s(rig.tank_model, rig.pumps.lag_s, noise_V, dict(jumps), holding_V, period_s, reading_s)
+    return detection_bound_s(rig.tank_model, rig.pumps.lag_s, noise_V, dict(jumps), held, period_s, reading_s)

@@ -45,6 +45,7 @@ class Plant:
         self.split = drawn(MODEL.valve_split)
         self.lag_s = lag_s
         self.noise_V = np.full(4, noise_V)
+        self.turbulence_cm3_sqrt_s = 0.0
         self.effectiveness, self.leak, self.block = np.ones(2), np.zeros(4), np.zeros(4)
         self.bias, self.drift = np.zeros(4), np.zeros(4)
         self.stuck_V: dict[int, float] = {}
@@ -99,7 +100,11 @@ class Plant:
         out = self.outlet * (1.0 - self.block) * np.sqrt(2.0 * MODEL.gravity_cm_s2 * np.maximum(self.level, 0.0))
         inflow = np.concatenate([self.split * pumped + out[2:], ((1.0 - self.split) * pumped)[::-1]])
         rate = (inflow - out * (1.0 + self.leak)) / np.array(MODEL.area_cm2)
-        self.level = np.clip(self.level + dt * rate, 0.0, MODEL.height_cm)
+        self.level = self.level + dt * rate
+        if self.turbulence_cm3_sqrt_s > 0.0:
+            stirred_cm3 = self.turbulence_cm3_sqrt_s * np.sqrt(dt) * self.random.normal(size=4)
+            self.level += stirred_cm3 / np.array(MODEL.area_cm2)
+        self.level = np.clip(self.level, 0.0, MODEL.height_cm)
 
 
 @dataclass

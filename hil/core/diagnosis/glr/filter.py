@@ -30,16 +30,14 @@ from hil.core.diagnosis.glr.model import (
     predict,
 )
 
-ENTRY = 14
-VOLTAGE, READING, VARIANCE, PERIOD, WEIGHT, DOUBT = 0, 2, 6, 10, 11, 12
-"""An entry: voltages applied (2) V, readings (4) V (NaN: none), variances (4) V^2, period s, weight of its end, and how
-wrong the lagged voltages at the start of the period may be, because what was applied is not known (2) V."""
+ENTRY = 18
+VOLTAGE, READING, VARIANCE, PERIOD, WEIGHT, DOUBT, WALK = 0, 2, 6, 10, 11, 12, 14
+"""An entry: voltages applied (2) V, readings (4) V (NaN: none), variances (4) V^2, period s, weight of its end, how
+wrong the lagged voltages at the start of the period may be, because what was applied is not known (2) V, and the
+variance of the levels' random walk in the period (4) cm^2."""
 
 NO_READING_V2 = 1e6
 """Variance of a reading that isn't there."""
-
-MAX_SQUARE, MAX_SCALE = 9.0, 25.0
-"""One innovation counts for no more than three standard deviations where noise is learned; how much it may learn."""
 
 MIN_OUTLET = -0.02
 """The estimate of a shut outlet errs to either side of zero; a limit at zero would make it look open."""
@@ -56,17 +54,25 @@ class StepResult(NamedTuple):
 
     A : (MOVING, N) moving rows of the transition matrix. K : (N, 4) Kalman gain. whitener : (4, 4) lower triangular,
     whitener S whitener' = I for the innovations' covariance S. innovation : (4,) V, 0 where there was no reading.
+    variance : (4,) V^2, the diagonal of S.
     """
 
     A: Array
     K: Array
     whitener: Array
     innovation: Array
+    variance: Array
 
     @classmethod
     def empty(cls) -> StepResult:
         """Room for the results of a step."""
-        return cls(A=np.zeros((MOVING, N)), K=np.zeros((N, 4)), whitener=np.zeros((4, 4)), innovation=np.zeros(4))
+        return cls(
+            A=np.zeros((MOVING, N)),
+            K=np.zeros((N, 4)),
+            whitener=np.zeros((4, 4)),
+            innovation=np.zeros(4),
+            variance=np.zeros(4),
+        )
 
 
 @compiled
@@ -84,11 +90,17 @@ def filter_step(model: FilterModel, x: Array, P: Array, entry: Array, result: St
     AP = _moved_covariance_rows(A, P)
     BP, S = _reading_covariance(model.level_gain_V_cm, dt, weight, A, P, AP)
     _innovate(model, entry, x, level_before, bias_before, S, innovation)
+    for i in range(4):
+        result.variance[i] = S[i, i]
     _whiten(S, result.whitener)
     log_likelihood = _log_likelihood(result.whitener, innovation)
-    X = _state_reading_covariance(model, dt, A, BP)
+    X = _state_reading_covariance(model.level_gain_V_cm, entry, A, BP)
     _kalman_gain(X, result.whitener, K)
-    _move_covariance(P, A, AP, model.walk, dt)
+    _move_covariance(P, A, AP, dt)
+    for i in range(N):
+        P[i, i] += model.walk[i]
+    for i in range(4):
+        P[LEVEL + i, LEVEL + i] += entry[WALK + i]
     _correct(x, P, K, X, innovation)
     _limit(model, x)
     return log_likelihood
@@ -150,12 +162,13 @@ def _innovate(
 ) -> None:
     """Innovations (4,) V of the readings; their noise is added to the diagonal of S (4, 4)."""
     gain, weight = model.level_gain_V_cm, entry[WEIGHT]
+    walk_seen = weight * (1.0 + 2.0 * weight) / 3.0  # of the mean of evenly spaced readings
     for i in range(4):
         reading = entry[READING + i]
         if np.isfinite(reading):
             level = level_before[i] + weight * (x[LEVEL + i] - level_before[i])
             innovation[i] = reading - (gain * level + bias_before[i] + weight * (x[BIAS + i] - bias_before[i]))
-            S[i, i] += entry[VARIANCE + i] + gain * gain * model.walk[LEVEL + i]
+            S[i, i] += entry[VARIANCE + i] + gain * gain * walk_seen * entry[WALK + i]
         else:
             innovation[i] = 0.0
             S[i, i] += NO_READING_V2
@@ -205,8 +218,9 @@ def whitened(whitener: Array, innovation: Array, i: int) -> float:
 
 
 @compiled
-def _state_reading_covariance(model: FilterModel, dt: float, A: Array, BP: Array) -> Array:
+def _state_reading_covariance(level_gain: float, entry: Array, A: Array, BP: Array) -> Array:
     """Cross covariance of the predicted state with the readings, (N, 4)."""
+    dt, weight = entry[PERIOD], entry[WEIGHT]
     X = np.empty((N, 4))
     for i in range(4):
         for j in range(N):
@@ -221,7 +235,7 @@ def _state_reading_covariance(model: FilterModel, dt: float, A: Array, BP: Array
                 for i in range(4):
                     X[m, i] += value * BP[i, j]
     for i in range(4):
-        X[i, i] += model.level_gain_V_cm * model.walk[LEVEL + i]
+        X[i, i] += level_gain * weight * entry[WALK + i]
     return X
 
 
@@ -243,8 +257,8 @@ def _kalman_gain(X: Array, whitener: Array, K: Array) -> None:
 
 
 @compiled
-def _move_covariance(P: Array, A: Array, AP: Array, walk: Array, dt: float) -> None:
-    """P <- F P F' + Q for the transition F whose top rows are A and in which biases follow drifts.
+def _move_covariance(P: Array, A: Array, AP: Array, dt: float) -> None:
+    """P <- F P F' for the transition F whose top rows are A and in which biases follow drifts.
 
     The block of the moving states is computed in its lower triangle only; `_correct` reads that and writes both.
     """
@@ -266,8 +280,6 @@ def _move_covariance(P: Array, A: Array, AP: Array, walk: Array, dt: float) -> N
                 P[BIAS + i, j] += dt * P[DRIFT + i, j]
             for j in range(N):
                 P[j, BIAS + i] += dt * P[j, DRIFT + i]
-    for i in range(N):
-        P[i, i] += walk[i]
 
 
 @compiled
@@ -290,18 +302,3 @@ def _limit(model: FilterModel, x: Array) -> None:
     for j in range(2):
         x[LAG + j] = min(max(x[LAG + j], MIN_LAG), MAX_LAG)
         x[SPLIT + j] = min(max(x[SPLIT + j], MIN_SPLIT), MAX_SPLIT / model.valve_split[j])
-
-
-@compiled
-def learn_scale(entry: Array, result: StepResult, scale: Array, pace: float) -> float:
-    """Mean square of the whitened innovations, -1 without readings; scale (4,) follows each where it exceeds 1."""
-    total, count = 0.0, 0
-    for i in range(4):
-        if np.isfinite(entry[READING + i]):
-            value = whitened(result.whitener, result.innovation, i)
-            square = value * value
-            total += square
-            count += 1
-            grown = scale[i] * np.exp(pace * (min(square, MAX_SQUARE) - 1.0))
-            scale[i] = min(max(grown, 1.0), MAX_SCALE)
-    return total / count if count > 0 else -1.0

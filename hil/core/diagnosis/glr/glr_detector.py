@@ -112,7 +112,8 @@ class GlrDetector:
         if max(doubts) > 0.0:  # a mean over a time in which the flow changed at an unknown moment
             levels = [nan] * 4
         # in the order of the layout of an entry, see `filter`
-        m.entry[:] = (*applied_V, *levels, *variances, dt, min(max(1.0 - mean_age_s / dt, 0.0), 1.0), *doubts)
+        weight = min(max(1.0 - mean_age_s / dt, 0.0), 1.0)
+        m.entry[:] = (*applied_V, *levels, *variances, dt, weight, *doubts, *(dt * m.noise.walk))
 
     def _voltage_doubts(self, m: Memory, dt: float, applied_V: Pair) -> tuple[float, float]:
         """(2,) V, how wrong the lagged voltages are taken to be at the start of a period of dt seconds.
@@ -151,7 +152,12 @@ class GlrDetector:
     def _learn_noise(self, m: Memory) -> None:
         """Assume more noise where innovations are larger than expected, but not while a fault may be the reason."""
         tuning = self.config.tuning
-        pace = tuning.scale_pace if m.max_ratio < tuning.calm else 0.0
+        is_calm = m.max_ratio < tuning.calm
+        age_s = m.now * float(m.entry[PERIOD])
+        is_first = age_s < tuning.first_learning_s
+        gain = self.config.model.level_gain_V_cm
+        kernels.learn_process_noise(gain, m.entry, m.result, m.noise, age_s, is_calm or is_first)
+        pace = tuning.scale_pace if is_calm else 0.0
         square = kernels.learn_scale(m.entry, m.result, m.scale, pace)
         if square >= 0.0:
             share = min(float(m.entry[PERIOD]) / tuning.diverged_s, 1.0)

@@ -16,6 +16,7 @@ from hil.core.diagnosis.glr.bank import Bank, Best, MinJumps
 from hil.core.diagnosis.glr.filter import StepResult
 from hil.core.diagnosis.glr.hypotheses import JUMPS
 from hil.core.diagnosis.glr.model import BIAS, DRIFT, GAIN, LAG, LEAK, LEVEL, PUMP, Array, FilterModel, N
+from hil.core.diagnosis.glr.noise_learning import ProcessNoise
 from hil.core.diagnosis.glr.replay import RING, History, Replays
 from hil.core.diagnosis.glr.sensor_statistics import SensorStatistics
 from hil.core.diagnosis.glr.tuning import Tuning
@@ -55,7 +56,6 @@ class DetectorConfig:
     ) -> DetectorConfig:
         """From the rig file's numbers."""
         walk = np.zeros(N)
-        walk[LEVEL : LEVEL + 4] = tuning.level_walk_cm**2
         walk[GAIN:LEAK] = tuning.parameter_walk**2
         speed = float(np.sqrt(2.0 * model.gravity_cm_s2))
         filter_model = FilterModel(
@@ -174,20 +174,21 @@ class Memory:
     """The filter (x, P), the bank and its history, what was learned of the sensors, and what was declared.
 
     result : of the last filter step. applied_V : (2,) at the last step. usual_s : the last period without a gap.
-    scale : (4,) by how much the innovations' variance exceeds what the sensors' noise explains. best, max_ratio :
-    the bank's answer, by hypothesis, and the greatest ratio of all. declared : by place in JUMPS. stuck_checks : by
-    pump, from 0. scratch : replays for trying onsets. usable : whether the filter uses a sensor's readings. lost :
-    the sensors that it does not use. agrees : for how many steps a lost sensor has agreed with the filter. noisy :
-    numbers of the alarms of noisy sensors. is_doubtful : whether a sensor that is used repeats itself so often that
-    it may be stuck. mean_square : running mean square of the whitened innovations. verdicts_s : run times of the
-    latest verdicts. rival : to the latest drift. checkpoint : from before the latest verdict. unproven : the pump
-    that was at rest when the other one failed, and for how long it has been driven since; None when both are known
-    to work.
+    scale : (4,) by how much the innovations' variance exceeds what the sensors' noise explains. noise : of the
+    process. best, max_ratio : the bank's answer, by hypothesis, and the greatest ratio of all. declared : by place in
+    JUMPS. stuck_checks : by pump, from 0. scratch : replays for trying onsets. usable : whether the filter uses a
+    sensor's readings. lost : the sensors that it does not use. agrees : for how many steps a lost sensor has agreed
+    with the filter. noisy : numbers of the alarms of noisy sensors. is_doubtful : whether a sensor that is used repeats
+    itself so often that it may be stuck. mean_square : running mean square of the whitened innovations. verdicts_s :
+    run times of the latest verdicts. rival : to the latest drift. checkpoint : from before the latest verdict. unproven
+    : the pump that was at rest when the other one failed, and for how long it has been driven since; None when both are
+    known to work.
     """
 
     x: Array
     P: Array
     sensors: list[SensorStatistics]
+    noise: ProcessNoise
     t_s: float
     now: int = 0
     bank: Bank = field(default_factory=Bank.empty)
@@ -229,7 +230,8 @@ class Memory:
         variance[GAIN:LEAK] = tuning.parameter_std**2
         variance[LAG : LAG + 2] = tuning.lag_std**2
         sensors = [SensorStatistics(config.noise_V**2) for _ in range(4)]
-        memory = cls(x=x, P=np.diag(variance), sensors=sensors, t_s=t_s, applied_V=applied_V)
+        noise = ProcessNoise.begin(tuning.min_level_walk)
+        memory = cls(x=x, P=np.diag(variance), sensors=sensors, noise=noise, t_s=t_s, applied_V=applied_V)
         memory.times_s[0] = t_s
         memory.open_slot()
         return memory
@@ -256,6 +258,7 @@ class Memory:
     def restart_bank(self, step: int | None = None) -> None:
         """Forget all candidates: the filter has just been corrected, as it stood at a step (None: now)."""
         self.bank.clear()
+        self.noise.restart()
         self.open_slot(step)
         self.max_ratio = 0.0
 

@@ -42,7 +42,8 @@ class FilterModel(NamedTuple):
     """The rig file's numbers as the compiled functions need them.
 
     area_cm2 : (4,). outlet_flow : (4,) a_i sqrt(2 g), so that outflow = outlet_flow sqrt(h), cm3/s. pump_gain_cm3_Vs :
-    (2,). valve_split : (2,). walk : (N,) variance that each state gains in a control period. height_cm : of a tank.
+    (2,). valve_split : (2,). walk : (N,) variance that each state gains in a control period; 0 for the levels, whose
+    walk is learned. height_cm : of a tank.
     """
 
     area_cm2: Array

@@ -127,7 +127,7 @@ def catch_up(model: FilterModel, history: History, replays: Replays, rows: int, 
     In the period in which a bias begins, the mean of that sensor's readings holds part of it only: what is learned of
     the bias there is forgotten.
     """
-    result = StepResult(np.zeros((MOVING, N)), np.zeros((N, 4)), np.zeros((4, 4)), np.zeros(4))
+    result = StepResult(np.zeros((MOVING, N)), np.zeros((N, 4)), np.zeros((4, 4)), np.zeros(4), np.zeros(4))
     left = 0
     for j in range(rows):
         if replays.dropped[j]:

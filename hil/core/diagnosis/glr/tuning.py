@@ -27,10 +27,11 @@ class Tuning:
 
     Filter.
     parameter_std : how far gains, splits and outlets may be off the rig file's, relative. lag_std : the same for lags.
-    parameter_walk, level_walk_cm : standard deviation of their change in a control period.
+    parameter_walk : standard deviation of their change in a control period.
+    min_level_walk : least standard deviation of the levels' random walk, cm/sqrt(s); what it is is learned.
     reading_floor_V : smallest standard deviation of a mean of readings: converters have steps.
     scale_pace : how fast the assumed noise follows innovations that are larger than expected. calm : it follows only
-    while the likelihood ratio is below this.
+    while the likelihood ratio is below this; the noise of the process likewise, but for the first first_learning_s.
 
     After the verdict.
     size_doubt, prior_doubt : how wrong an isolated size may be for reasons that its variance does not include, as
@@ -58,10 +59,11 @@ class Tuning:
     parameter_std: float = 0.03
     lag_std: float = 0.5
     parameter_walk: float = 2e-5
-    level_walk_cm: float = 2e-4
+    min_level_walk: float = 6.3e-4
     reading_floor_V: float = 5e-4
     scale_pace: float = 0.003
     calm: float = 8.0
+    first_learning_s: float = 10.0
 
     size_doubt: float = 0.1
     prior_doubt: float = 0.05
