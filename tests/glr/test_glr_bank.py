@@ -1,3 +1,6 @@
+import copy
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -10,6 +13,12 @@ from tests.glr.glr_bench import DETECTOR, NO_ESTIMATE, PERIOD_S, Plant
 
 
 def a_memory(seconds: float = 60.0) -> tuple[Memory, Plant]:
+    """A detector and a rig after so many quiet seconds; the caller may change both."""
+    return copy.deepcopy(_quiet(seconds))
+
+
+@cache
+def _quiet(seconds: float) -> tuple[Memory, Plant]:
     plant, memory = Plant(21), None
     for number in range(round(seconds / PERIOD_S)):
         memory, _ = DETECTOR.step(memory, number * PERIOD_S, plant.period((3.0, 3.0)), NO_ESTIMATE, (3.0, 3.0))
@@ -45,6 +54,20 @@ def test_a_signature_is_what_the_jump_leaves_in_the_innovations(j: int) -> None:
         difference = without.whitener @ (without.innovation - with_jump.innovation) / size
         energy += float(difference @ difference)
     assert b.energy[j, slot] == pytest.approx(energy, rel=0.04)
+
+
+def test_a_slot_is_opened_without_what_was_in_it() -> None:
+    b = bank.Bank.empty()
+    for array in (b.effect, b.energy, b.match, b.cross):
+        array[:] = 7.0
+    slot = bank.open_slot(5, b)
+    assert b.onset[slot] == 5
+    assert not np.concatenate([b.energy[:, slot], b.match[:, slot], b.cross[[slot]]]).any()
+    expected = np.zeros(b.effect.shape[:2])
+    expected[[jump.state for jump in JUMPS], range(H)] = 1.0
+    assert np.array_equal(b.effect[:, :, slot], expected)
+    others = np.arange(bank.SLOTS) != slot
+    assert (b.energy[:, others] == 7.0).all(), "those of other slots stay"
 
 
 def test_the_ratio_is_the_best_over_sizes() -> None:
