@@ -31,8 +31,8 @@ app = typer.Typer(
         "`hil COMMAND --help` explains a command."
     ),
     epilog=(
-        "Exit codes: 0 done, 2 bad input or no record possible (nothing moved), 3 tripped, 4 not ready or failed, "
-        "5 done, but record or output incomplete, 129, 130 and 143 by signal."
+        "Exit codes: 0 done; 2 bad input or no record possible, nothing moved; 3 tripped; 4 not ready or failed; "
+        "5 done, but record or output incomplete; 129, 130 and 143 stopped by a signal."
     ),
     no_args_is_help=True,
     add_completion=False,

@@ -63,7 +63,7 @@ def render(run: Run, other: Run | None = None) -> str:
     is_papers = all(table3.applies_to(one.kpi) and not _is_cut_short(one) for one in runs)
     body = "".join(
         (
-            _header(run.manifest),
+            _header(run.manifest, "" if other is None else other.name),
             _cards(run.kpi, is_live=plan.mode == "live"),
             page.section("Table 3 of the paper", _paper_table(runs) if is_papers else ""),
             page.section("Integral of the absolute error", "" if is_papers else _iae_table(runs)),
@@ -82,7 +82,7 @@ def _load(folder: RunFolder) -> Run:
     return Run(manifest, ticks, events, evaluate(manifest, ticks, events), folder.path.name)
 
 
-def _header(manifest: Manifest) -> str:
+def _header(manifest: Manifest, compared: str = "") -> str:
     plan = manifest.plan
     reason = manifest.reason or (
         "Unfinished: the process did not record how the run ended. What it recorded until then is shown."
@@ -99,6 +99,8 @@ def _header(manifest: Manifest) -> str:
     ]
     if manifest.speed_x is not None:
         facts.insert(2, ("speed", f"{manifest.speed_x:.3g} × real time"))
+    if compared:
+        facts.insert(0, ("compared with", compared))
     title = f"<h1>{page.escape(plan.scenario)}{page.badge(manifest.outcome)}</h1>"
     return f'<header>{title}<p class="soft">{page.escape(reason)}</p>{page.facts(facts)}</header>\n'
 

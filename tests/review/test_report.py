@@ -151,6 +151,8 @@ def test_the_papers_table_names_its_runs(
     ours = [head for name in names for head in (name, "off by")]
     expected = ["window", "strategy", "output", "paper", *ours]
     assert heads(page, "Table 3 of the paper") == expected
+    assert "compared with" in page.partition("</header>")[0]
+    assert names[1] in page.partition("</header>")[0]
 
 
 def test_two_runs_of_one_strategy_and_one_name_are_both_in_the_table(whole_run: RunFolder, tmp_path: Path) -> None:
