@@ -312,6 +312,19 @@ def test_iae_counts_the_reference_asked_for_also_where_another_target_is_in_forc
     assert grown == pytest.approx(np.abs(np.array(REST_V) - new.estimated_V[:2]) * PERIOD_S, abs=1e-9)
 
 
+def test_the_law_follows_a_growing_loss_that_is_known() -> None:
+    """A pump that fades by 2 % a second: the law that follows it errs far less than the law of the healthy pump."""
+    fading = {51 + step: (max(1.0 - 0.002 * step, 0.5), 1.0) for step in range(300)}
+    errors_Vs = []
+    for reconfigure in (True, False):
+        config = with_faults(PumpFault(5.0, 1, 0.5, ramp_s=25.0), delay_s=0.5, reconfigure=reconfigure)
+        _, records = run(config, Plant(), 400, faults=fading)
+        errors_Vs.append(records[-1].iae_Vs[0])
+        halfway = next(r for r in records if r.t_s >= 18.0)
+        assert halfway.effectiveness[0] == pytest.approx(0.75, abs=0.005)
+    assert errors_Vs[0] < 0.25 * errors_Vs[1]
+
+
 def test_record_is_consistent_with_itself() -> None:
     """Raw command = v0/theta - K/theta [x q] from the record's own numbers, at every step, faulty or not."""
     loop = bench_loop(references=stepped(4.0), detector=IdealDetector(FALL, 1.0))
