@@ -217,4 +217,5 @@ def _record(loop: LoopState, mode: Mode, inputs: Inputs, command_V: Pair, events
         rejected=inputs.bus.rejected,
         events=events,
         monotonic_ns=loop.stepped_ns,
+        level_walk_cm_sqrt_s=loop.diagnosis.level_walk_cm_sqrt_s,
     )

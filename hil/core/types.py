@@ -260,6 +260,8 @@ class Diagnosis:
     refuted : (4,) sensors that are not trusted and can't show the level, whatever the fault: they keep no veto on high
     levels. A sensor that may drift because a leak or a blockage moves the level is not refuted.
     valve_split : (2,) splits of the valves if one has shifted; None if they are the rig file's.
+    level_walk_cm_sqrt_s : (4,) standard deviation of the levels' random walk after a second, cm, as learned; NaN where
+    nothing is learned.
     """
 
     effectiveness: Pair = (1.0, 1.0)
@@ -272,6 +274,7 @@ class Diagnosis:
     is_blind: bool = False
     refuted: tuple[bool, bool, bool, bool] = (False, False, False, False)
     valve_split: Pair | None = None
+    level_walk_cm_sqrt_s: Quad = (nan, nan, nan, nan)
 
     @property
     def has_fault(self) -> bool:
@@ -308,3 +311,4 @@ class TickRecord:
     rejected: int
     events: tuple[Event, ...] = ()
     monotonic_ns: int = 0
+    level_walk_cm_sqrt_s: Quad = (nan, nan, nan, nan)  # as diagnosis has learned it

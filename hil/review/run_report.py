@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -64,7 +65,7 @@ def render(run: Run, other: Run | None = None) -> str:
     body = "".join(
         (
             _header(run.manifest, "" if other is None else other.name),
-            _cards(run.kpi, is_live=plan.mode == "live"),
+            _cards(run, is_live=plan.mode == "live"),
             page.section("Table 3 of the paper", _paper_table(runs) if is_papers else ""),
             page.section("Integral of the absolute error", "" if is_papers else _iae_table(runs)),
             page.section("Alarms and trips", alarm_table([(one.name, one.kpi, one.ticks) for one in runs])),
@@ -105,7 +106,8 @@ def _header(manifest: Manifest, compared: str = "") -> str:
     return f'<header>{title}<p class="soft">{page.escape(reason)}</p>{page.facts(facts)}</header>\n'
 
 
-def _cards(kpi: Kpi, *, is_live: bool) -> str:
+def _cards(run: Run, *, is_live: bool) -> str:
+    kpi = run.kpi
     duration = f"{kpi.duration_s:.1f} s"
     pairs = [
         ("recorded", duration),
@@ -118,6 +120,10 @@ def _cards(kpi: Kpi, *, is_live: bool) -> str:
         *([("frame to command, 99 % of steps", _milliseconds(kpi.latency_s["p99"]))] if is_live else []),
         ("alarms, trips", f"{len(kpi.alarms)}, {len(kpi.trips)}"),
     ]
+    walks = [run.ticks.get(f"noise{tank}_cm_sqrt_s") for tank in (1, 2, 3, 4)]
+    if len(run.ticks) and all(math.isfinite(walk[-1]) for walk in walks):
+        learned = ", ".join(page.number(float(walk[-1]), 2) for walk in walks)
+        pairs.append(("process noise learned, tanks 1 to 4", f"{learned} cm/√s"))
     if kpi.false_alarms is not None and kpi.spurious_alarms is not None:
         pairs.append(("false alarms, spurious alarms", f"{kpi.false_alarms}, {kpi.spurious_alarms}"))
     if kpi.iae_after_fault_Vs is not None:

@@ -3,7 +3,6 @@ import numpy.typing as npt
 import pytest
 
 from hil.core.diagnosis.glr.filter import ENTRY, PERIOD, READING, WALK, WEIGHT, StepResult
-from hil.core.diagnosis.glr.memory import Memory
 from hil.core.diagnosis.glr.noise_learning import CANDIDATES, ProcessNoise, learn_process_noise
 from tests.glr.glr_bench import DETECTOR, MODEL, NO_ESTIMATE, PERIOD_S, Plant
 
@@ -61,30 +60,29 @@ def test_a_candidate_expects_what_a_filter_with_its_walk_expects(used: int) -> N
         assert gained[inside] - gained[inside][0] == pytest.approx(expected[inside] - expected[inside][0], abs=1e-6)
 
 
-def learned(turbulence: float, seconds: int, seed: int = 3) -> tuple[Memory, int]:
-    """The detector's memory after a time on a rig with this turbulence, cm3/sqrt(s), and its number of alarms."""
+def learned(turbulence: float, seconds: int, seed: int = 3) -> tuple[npt.NDArray[np.float64], int]:
+    """The walks on a rig with this turbulence, cm3/sqrt(s), after a time, in the same unit; the number of alarms."""
     plant = Plant(seed)
     plant.turbulence_cm3_sqrt_s = turbulence
-    memory, alarms = None, 0
+    memory, alarms, walk = None, 0, (0.0, 0.0, 0.0, 0.0)
     for number in range(10 * seconds):
         memory, verdict = DETECTOR.step(memory, number * PERIOD_S, plant.period((3.0, 3.0)), NO_ESTIMATE, (3.0, 3.0))
-        alarms += len(verdict.new_alarms)
-    assert memory is not None
-    return memory, alarms
+        alarms, walk = alarms + len(verdict.new_alarms), verdict.level_walk_cm_sqrt_s
+    return np.array(walk) * AREA_CM2, alarms
 
 
 @pytest.mark.parametrize("turbulence", [0.1, 0.5])
 def test_turbulence_is_learned_without_an_alarm(turbulence: float) -> None:
     """With a fixed walk, turbulence of 0.05 cm3/sqrt(s) raised 49 alarms an hour."""
-    memory, alarms = learned(turbulence, 60)
+    found, alarms = learned(turbulence, 60)
     assert alarms == 0
-    assert np.sqrt(memory.noise.walk) * AREA_CM2 == pytest.approx(np.full(4, turbulence), rel=0.6)
+    assert found == pytest.approx(np.full(4, turbulence), rel=0.6)
 
 
 def test_a_quiet_rig_is_seen_to_be_quiet() -> None:
-    memory, alarms = learned(0.0, 100)
+    found, alarms = learned(0.0, 100)
     assert alarms == 0
-    assert (np.sqrt(memory.noise.walk) * AREA_CM2).max() < 0.05
+    assert found.max() < 0.05
 
 
 def test_the_walk_stays_within_its_bounds_and_rises_slowly() -> None:

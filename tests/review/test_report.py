@@ -60,6 +60,17 @@ def test_report_has_the_papers_figures_and_its_table(page: str) -> None:
         assert f">{figure}<" in page
 
 
+def test_report_shows_the_process_noise_that_was_learned(tmp_path: Path, page: str) -> None:
+    assert "process noise learned" not in page, "nothing was learned"
+    folder = RunFolder.create(tmp_path / "run", toy.plan())
+    recorder = Recorder.open(folder)
+    recorder.tick(replace(next(toy.steps())[0], level_walk_cm_sqrt_s=(6.3e-4, 0.01, 0.002, 0.018)))
+    recorder.close("complete", "")
+    text = write_report(folder).read_text(encoding="utf-8")
+    assert "process noise learned, tanks 1 to 4" in text
+    assert "0.00063, 0.01, 0.002, 0.018 cm/√s" in text
+
+
 def test_report_escapes_what_comes_from_outside(tmp_path: Path, page: str) -> None:
     assert "control on &lt;now&gt; &amp; steady" in page
     assert "gain_V_cm = 0.5 # &lt;b&gt;&amp;" in page

@@ -205,6 +205,15 @@ SIGNALS: tuple[Signal, ...] = (
         )
         for i in OUTPUTS
     ),
+    *(
+        Signal(
+            f"noise{i + 1}_cm_sqrt_s", "cm/√s", f"process noise of tank {i + 1} that diagnosis has learned: standard "
+            "deviation of the random walk of its level after one second",
+            _item(lambda record: record.level_walk_cm_sqrt_s, i),
+            Curve("bench/process_noise", f"tank {i + 1}", GAIN_COLORS[i]),
+        )
+        for i in TANKS
+    ),
     Signal(
         "levels_age_s", "s", "age of the older of the two level frames", lambda step: step.record.levels_age_s,
         Curve("bench/age", "age of levels", BLUE),

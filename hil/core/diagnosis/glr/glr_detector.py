@@ -13,6 +13,8 @@ from __future__ import annotations
 from math import exp, isfinite, nan
 from typing import Any
 
+import numpy as np
+
 from hil.core.diagnosis.glr import declaration, drift_review, isolation, kernels, sensor_monitor, stuck_check
 from hil.core.diagnosis.glr.filter import DOUBT, PERIOD
 from hil.core.diagnosis.glr.hypotheses import PUMPS
@@ -167,8 +169,14 @@ class GlrDetector:
         gain = self.config.model.level_gain_V_cm
         h1, h2, h3, h4 = m.x[LEVEL : LEVEL + 4].tolist()
         level_V = (gain * h1, gain * h2, gain * h3, gain * h4)
+        w1, w2, w3, w4 = np.sqrt(m.noise.walk).tolist()
         if not m.declared and not m.lost:
-            return Diagnosis(new_alarms=tuple(alarms), level_V=level_V, is_diverged=self._is_diverged(m, h1))
+            return Diagnosis(
+                new_alarms=tuple(alarms),
+                level_V=level_V,
+                is_diverged=self._is_diverged(m, h1),
+                level_walk_cm_sqrt_s=(w1, w2, w3, w4),
+            )
         stuck = [j in m.declared and m.declared[j].kind == "pump_stuck_on" for j in PUMPS]
         distrusted = [m.distrusted(i) for i in range(4)]
         refuted = [i in m.lost and m.lost[i].kind != "sensor_drift" for i in range(4)]
@@ -183,6 +191,7 @@ class GlrDetector:
             is_blind=declaration.is_blind(m),
             refuted=(refuted[0], refuted[1], refuted[2], refuted[3]),
             valve_split=declaration.valve_split(self.config, m),
+            level_walk_cm_sqrt_s=(w1, w2, w3, w4),
         )
 
     def _is_diverged(self, m: Memory, level_cm: float) -> bool:
