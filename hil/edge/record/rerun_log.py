@@ -156,6 +156,7 @@ class RerunLog:
         try:
             _within(timeout_s, call)
         except Exception as error:
+            _abandon(self._recording)
             if (cause := disk_error(self._path.parent)) is not None:
                 raise cause from error
             raise
@@ -265,10 +266,15 @@ def _within(timeout_s: float, call: Callable[[], None]) -> None:
     thread.start()
     thread.join(timeout_s)
     if thread.is_alive():
-        rr.unregister_shutdown()  # it would wait for the same writer when the program ends
         raise TimeoutError(f"Rerun has not answered for {timeout_s:g} s")
     if errors:
         raise errors[0]
+
+
+def _abandon(recording: rr.RecordingStream) -> None:
+    """Never touch the recording again: what Rerun does when it is released, or at the exit, may wait for the writer."""
+    rr.unregister_shutdown()
+    threading.Thread(target=lambda: (recording, threading.Event().wait()), name="abandoned", daemon=True).start()
 
 
 def _times(times_s: Floats) -> rr.TimeColumn:
