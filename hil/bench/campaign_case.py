@@ -78,7 +78,7 @@ def _run(case: Case, config_dir: Path, bound_s: outcome.Bound | None, started: E
         ending,
         rest,
         elapsed=Elapsed.since(started),
-        bound_s=bound_s or (lambda _: scenario_bound.information_bound(bench, truth.nodes.levels_period_s)),
+        bound_s=bound_s or (lambda _: scenario_bound.detection_bound(bench, truth.nodes.levels_period_s)),
     )
 
 

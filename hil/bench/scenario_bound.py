@@ -15,7 +15,7 @@ LEARNING_S = 60.0
 """The time before the fault is rounded up to a multiple of this, so that runs share a bound. More time teaches more."""
 
 
-def information_bound(bench: Bench, reading_s: float) -> float | None:
+def detection_bound(bench: Bench, reading_s: float) -> float | None:
     """Seconds until a detector can have found the scenario's faults in half of all runs, in the best case.
 
     None unless the faults are lasting jumps of one onset. The pumps are taken to hold each reference from its

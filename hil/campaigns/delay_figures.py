@@ -17,7 +17,7 @@ MIN_DELAY_S = 0.05
 
 
 def delays(label: str, rows: Sequence[Row], bound_s: float | None) -> str:
-    """Histogram of the delays of detection and isolation over a logarithmic time, with the information bound."""
+    """Histogram of the delays of detection and isolation over a logarithmic time, with the detection bound."""
     detected = _known(row.detection_s for row in rows)
     isolated = _known(row.isolation_s for row in rows)
     figure, (axes,) = panels(1)

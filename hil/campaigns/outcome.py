@@ -21,7 +21,7 @@ from hil.review.kpi import absolute_error_integral, after_fault_window, dry_run
 
 PUMP_LOSS = "pump_effectiveness"
 Bound = Callable[[Case], float | None]
-"""Information bound of a case's detection delay in s; None where it is not known."""
+"""Bound of a case's detection delay in s; None where it is not known."""
 
 
 @dataclass(frozen=True)
