@@ -12,6 +12,7 @@ from math import isfinite
 
 from hil.core import closed_loop, state_feedback, supervisor
 from hil.core.closed_loop import TIME_TOLERANCE_S, LoopConfig, LoopState
+from hil.core.inflow_watch import InflowWatch, watch_inflow
 from hil.core.interlocks import Belief, Limits
 from hil.core.live_levels import NONE, LiveLevels, live_levels_cm, watch_readings
 from hil.core.overshoot import Outlets, watch
@@ -55,6 +56,7 @@ class Monitors:
     outlets: Outlets = field(default_factory=Outlets)
     live_outlets: Outlets = field(default_factory=Outlets)
     live: LiveLevels = field(default_factory=LiveLevels)
+    inflow: InflowWatch = field(default_factory=InflowWatch)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,6 +135,7 @@ def _observe(
     if live_cm != NONE:
         levels_cm = _with_live(estimate.level_cm, live_cm)
         live_outlets = watch(model, monitors.live_outlets, levels_cm, effective_V, now_ns)
+    inflow = watch_inflow(model, monitors.inflow, estimate.level_cm, effective_V, diagnosis, now_ns)
     belief = Belief(
         diagnosis=diagnosis,
         level_cm=estimate.level_cm,
@@ -141,8 +144,9 @@ def _observe(
         open_share=_smaller(outlets.open_share, live_outlets.open_share),
         live_cm=live_cm,
         law_problem=loop.problem,
+        possible_cm=inflow.possible_cm(estimate.level_cm, diagnosis),
     )
-    return Monitors(outlets=outlets, live_outlets=live_outlets, live=live), belief
+    return Monitors(outlets=outlets, live_outlets=live_outlets, live=live, inflow=inflow), belief
 
 
 def _effective(diagnosis: Diagnosis, pump_V: Pair) -> Pair:

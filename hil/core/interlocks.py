@@ -65,7 +65,8 @@ class Belief:
 
     level_cm : (4,) estimated levels, None before the first estimate. pump_V : (2,) what the pumps deliver, lag
     included. accommodates : whether the law follows the diagnosis. open_share : (2,) see `overshoot.Outlets`. live_cm :
-    (4,) see `live_levels`. law_problem : why the law can't hold the outputs; "" if it can.
+    (4,) see `live_levels`. law_problem : why the law can't hold the outputs; "" if it can. possible_cm : (2,) of the
+    lower tanks, see `inflow_watch`; None before the first.
     """
 
     diagnosis: Diagnosis = NO_FAULT
@@ -75,6 +76,7 @@ class Belief:
     open_share: Pair = (1.0, 1.0)
     live_cm: Quad = NONE
     law_problem: str = ""
+    possible_cm: Pair | None = None
 
 
 NO_BELIEF = Belief()
@@ -86,8 +88,8 @@ class Situation:
 
     level_cm : (4,) of `levels_cm`. pump_V : (2,) the most that a pump may still deliver, as a voltage of a nominal
     pump. mismatch_s : how long the applied voltages have differed from the echoed command. open_share : (2,) of the
-    lower tanks' outlets. live_cm : (4,) levels of sensors that are not trusted, -inf for others. law_problem : of the
-    belief.
+    lower tanks' outlets. live_cm : (4,) levels of sensors that are not trusted, -inf for others. law_problem,
+    possible_cm : of the belief.
     """
 
     inputs: Inputs
@@ -98,6 +100,7 @@ class Situation:
     open_share: Pair
     live_cm: Quad = NONE
     law_problem: str = ""
+    possible_cm: Pair | None = None
 
 
 class Reaction(Enum):
@@ -181,6 +184,11 @@ def _describe_levels(s: Situation) -> str:
     if not shown:
         return text
     return f"{text}; sensor {' and '.join(shown)}, which diagnosis does not trust, may be right"
+
+
+def _describe_possible(s: Situation) -> str:
+    """The levels that the inflow would hold with the outlets as they were."""
+    return "" if s.possible_cm is None else "its inflow would hold up to {:.2f} and {:.2f} cm".format(*s.possible_cm)
 
 
 def _is_dry_run(limits: Limits, s: Situation) -> bool:
@@ -312,6 +320,13 @@ INTERLOCKS: tuple[Interlock, ...] = (
         "a pump is dead",
         Reaction.STOP,
         may_bypass=True,
+    ),
+    Interlock(
+        TripCause.HIGH_LEVEL,
+        lambda m, s: s.possible_cm is not None and max(s.possible_cm) > m.level_max_cm,
+        "a lower tank leaks, or it is fuller than its sensor shows",
+        Reaction.STOP,
+        detail=_describe_possible,
     ),
     Interlock(
         TripCause.NO_STABLE_LAW,

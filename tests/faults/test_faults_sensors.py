@@ -82,6 +82,14 @@ def test_case_32_sensor_drifts(sensor: int, rate_V_s: float) -> None:
     assert max(off_cm) < 2.0
 
 
+@pytest.mark.long
+def test_case_32_a_drift_too_slow_for_the_diagnosis_stops_before_the_rim() -> None:
+    """At rest, -0.7 mV/s was taken for a slow change of the rig: the tank filled up to 18.5 cm without an alarm."""
+    drift = fault("sensor_drift", 40.0, 1, -0.0007)
+    run = play(scenario_data(drift, duration_s=5500.0, method="glr", emulator={"parameter_spread": 0.03}), seed=6)
+    assert (run.outcome.status, run.outcome.reason) == ("stopped", "high_level"), run.told
+
+
 @lru_cache(maxsize=1)
 def healthy() -> Run:
     return play(watched())

@@ -100,6 +100,7 @@ def test_trips_stand_before_stops() -> None:
     assert reactions == sorted(reactions, key=lambda reaction: reaction is Reaction.STOP)
     assert [i.cause for i in INTERLOCKS if i.reaction is Reaction.STOP] == [
         TripCause.PUMP_DEAD,
+        TripCause.HIGH_LEVEL,
         TripCause.NO_STABLE_LAW,
         TripCause.SENSORS_LOST,
     ]
@@ -337,6 +338,22 @@ def test_a_dead_pump_stops_the_run_if_so_configured(theta: Pair) -> None:
     assert events[0].data == {"cause": "pump_dead"}
     assert after(off, believing(Diagnosis(theta)))[0].mode is Mode.DEGRADED
     assert after(off, believing(Diagnosis((0.1, 0.1))), limits=stops)[0].mode is Mode.DEGRADED
+
+
+@pytest.mark.parametrize("tank", [0, 1])
+def test_a_tank_that_may_be_fuller_than_its_sensor_shows_stops_the_run(tank: int) -> None:
+    """A slow drift downwards was held at the reference, unnoticed, while the tank filled up."""
+    full = (19.0 + JUST, 13.0) if tank == 0 else (13.0, 19.0 + JUST)
+    state, events = after(HEALTHY, believing(Diagnosis(), possible_cm=full))
+    assert (state.mode, state.cause, state.stopped_by) == (Mode.STOPPING, None, "high_level")
+    assert events[0].text == (
+        "stopping: a lower tank leaks, or it is fuller than its sensor shows: "
+        f"its inflow would hold up to {full[0]:.2f} and {full[1]:.2f} cm"
+    )
+    assert after(HEALTHY, believing(Diagnosis(), possible_cm=(19.0, 19.0)))[0].mode is Mode.RUNNING
+    unknown = supervisor._situation(LIMITS, RUNNING, HEALTHY, NOW_NS, NO_BELIEF)
+    stop = next(i for i in INTERLOCKS if i.cause is TripCause.HIGH_LEVEL and i.reaction is Reaction.STOP)
+    assert stop.describe(unknown) == stop.text
 
 
 def test_a_law_that_can_not_be_stable_stops_the_run_and_says_why() -> None:
