@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 
 from firmware_sim import cli
+from firmware_sim.command_server import CommandServer
 from firmware_sim.ports import PtyPort, TcpPort
 from firmware_sim.rig import Rig
 from tests.firmware_sim.fault_bench import rig_with
@@ -52,3 +53,12 @@ def test_an_error_is_an_exit_code(monkeypatch: pytest.MonkeyPatch, error: BaseEx
     with pytest.raises(SystemExit) as end:
         cli.main()
     assert end.value.code == code
+
+
+def test_an_error_without_words_is_named_by_its_type(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_arguments: object, **_options: object) -> None:
+        raise NotImplementedError
+
+    monkeypatch.setattr("can.Bus", fail)
+    with pytest.raises(cli.UsageError, match="cannot open the bus: NotImplementedError"):
+        cli._serve_bus(rig_with(), CommandServer(rig_with()), "virtual", "somewhere", None)

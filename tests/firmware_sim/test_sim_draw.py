@@ -103,6 +103,18 @@ def test_turbulence_has_its_intensity_and_keeps_the_balance() -> None:
     assert np.std([level[1] for level in levels]) == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.parametrize("tank", [1, 2, 3, 4])
+def test_turbulence_of_one_tank_alone_stirs_that_tank(tank: int) -> None:
+    intensity = [0.5 if tank == one else 0.0 for one in (1, 2, 3, 4)]
+    calm, stirred = (Rig(emulator(tanks={"turbulence_cm3_sqrt_s": each}), (), 1, 0) for each in (0.0, intensity))
+    for rig in (calm, stirred):
+        drive(rig, 3.0)
+        rig.advance(rig.now_ns + SECOND)
+    moved = [a != b for a, b in zip(calm._tanks.levels_cm, stirred._tanks.levels_cm, strict=True)]
+    assert moved[tank - 1]
+    assert stirred._tanks.stirred_cm3 != 0.0
+
+
 def test_wear_takes_its_share_of_the_gain_per_hour() -> None:
     rig = rig_with(
         settings=QUIET.model_copy(update={"pumps": QUIET.pumps.model_copy(update={"wear_per_h": (3.6, 0.0)})})

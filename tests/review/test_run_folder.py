@@ -38,6 +38,18 @@ def test_a_folder_that_cannot_be_made_is_a_clear_error(tmp_path: Path) -> None:
         RunFolder.create(tmp_path / "file" / "run", toy.plan())
 
 
+def test_a_folder_that_can_not_be_begun_is_not_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever ends it; Ctrl-C, too."""
+
+    def interrupted(*_arguments: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(RunFolder, "_write_manifest", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        RunFolder.create(tmp_path / "parent/run", toy.plan())
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_manifest_comes_back_as_it_was_written(tmp_path: Path) -> None:
     started = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
     folder = RunFolder.create(tmp_path / "run", toy.plan(), started)

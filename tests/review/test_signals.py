@@ -75,9 +75,14 @@ def test_the_run_folder_of_each_mode_has_its_own_columns(tmp_path: Path) -> None
         assert header.split(",") == [signal.column for signal in recorded(folder.manifest().plan.mode)]
 
 
-def test_a_curve_has_the_number_of_its_signal() -> None:
-    """Tank 2 is drawn as tank 2. K12 is the gain from state 2 to pump 1."""
-    drawn = [(signal.column, signal.curve.name) for signal in signals.SIGNALS if signal.curve]
-    numbers = [(re.findall(r"[0-9]+", name), re.findall(r"[0-9]+", label), label) for name, label in drawn]
-    assert all(of_name == of_label or not of_label for of_name, of_label, _ in numbers), numbers
-    assert sum(bool(of_label) for _, of_label, _ in numbers) >= 30
+def test_curve_and_meaning_have_the_number_of_their_signal() -> None:
+    """Tank 2 is drawn as tank 2 and explained as tank 2. K12 is the gain from state 2 to pump 1."""
+
+    def numbers(text: str) -> list[str]:
+        return re.findall(r"[0-9]", text.partition(":")[0])
+
+    for signal in signals.SIGNALS:
+        names = [signal.meaning, *([signal.curve.name] if signal.curve else [])]
+        for name in names:
+            assert numbers(name) in ([], numbers(signal.column), numbers(signal.column)[::-1]), (signal.column, name)
+    assert sum(numbers(signal.meaning) != [] for signal in signals.SIGNALS) >= 30
