@@ -43,7 +43,7 @@ class Plant:
         self.outlet = drawn(MODEL.outlet_cm2)
         self.gain = drawn(MODEL.pump_gain_cm3_Vs)
         self.split = drawn(MODEL.valve_split)
-        self.lag_s = lag_s
+        self.lag_s = np.full(2, lag_s)
         self.noise_V = np.full(4, noise_V)
         self.turbulence_cm3_sqrt_s = 0.0
         self.effectiveness, self.leak, self.block = np.ones(2), np.zeros(4), np.zeros(4)

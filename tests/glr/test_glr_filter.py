@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.core.diagnosis.glr.filter import _limit
-from hil.core.diagnosis.glr.model import BIAS, DRIFT, GAIN, LAG, LEAK, MOVING, OUTLET, PUMP, SPLIT, N, predict
+from hil.core.diagnosis.glr.model import BIAS, DRIFT, GAIN, LAG, LEAK, MOVING, OUTLET, PUMP, RATE, SPLIT, N, predict
 from tests.glr.glr_bench import DETECTOR, MODEL, NO_ESTIMATE, PERIOD_S, Plant
 
 FILTER_MODEL = DETECTOR.config.model
@@ -18,7 +18,7 @@ def a_state(random: np.random.Generator) -> np.ndarray:
     x[GAIN:LEAK] = random.uniform(0.7, 1.3, LEAK - GAIN)
     x[LEAK:BIAS] = random.uniform(0.0, 0.4, 2)
     x[BIAS:DRIFT] = random.normal(0.0, 0.1, 4)
-    x[DRIFT:] = random.normal(0.0, 0.01, 4)
+    x[DRIFT:RATE] = random.normal(0.0, 0.01, 4)
     return x
 
 
@@ -122,5 +122,5 @@ def test_the_states_stay_within_their_limits() -> None:
     _limit(FILTER_MODEL, x)
     assert list(x[0:4]) == [0.0, 5.0, MODEL.height_cm, 0.0]
     assert list(x[OUTLET : OUTLET + 4]) == [-0.02, -0.01, 0.0, 3.0]
-    assert list(x[LAG : LAG + 2]) == [0.05, 20.0]
+    assert list(x[LAG : LAG + 2]) == [0.05, 75.0]
     assert list(x[SPLIT : SPLIT + 2] * MODEL.valve_split) == pytest.approx([0.01 * MODEL.valve_split[0], 0.99])

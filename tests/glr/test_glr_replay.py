@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from hil.core.diagnosis.glr.filter import PERIOD, READING, VARIANCE, VOLTAGE, WEIGHT
+from hil.core.diagnosis.glr.growth import NO_GROWTH
 from hil.core.diagnosis.glr.hypotheses import BIAS_PRIOR_V, JUMPS
 from hil.core.diagnosis.glr.model import BIAS, GAIN, LEAK, N
 from hil.core.diagnosis.glr.replay import History, Replays, catch_up
@@ -28,7 +29,7 @@ def a_history(steps: int) -> History:
 def test_the_period_in_which_a_bias_begins_teaches_nothing_of_its_size() -> None:
     """The mean of that period's readings holds only part of the bias, which would come out too small."""
     history, replays = a_history(2), Replays.empty()
-    replays.begin(0, BIAS_OF_SENSOR, history, 0, 0, np.zeros(4))
+    replays.begin(0, BIAS_OF_SENSOR, -1, history, 0, 0, np.zeros(4), NO_GROWTH)
     variances = []
     for step in (1, 2):
         assert catch_up(DETECTOR.config.model, history, replays, 1, step, 10) == 0

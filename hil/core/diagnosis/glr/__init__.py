@@ -5,7 +5,9 @@ filter             one step of the extended Kalman filter; its innovations are w
 hypotheses         what can go wrong, each a jump of one state of that filter
 bank               every hypothesis at every onset of the last minute, linear: raises the alarm
 replay             the filter again from the onset, once per hypothesis: tells them apart and says how large
-isolation          from an alarm to a verdict; `declaration` names it, `drift_review` may reverse it
+isolation          from an alarm to a verdict; `declaration` names it, `drift_review` and `stuck_check` may change it
+ambiguity          what cannot be told apart yet
+growth             the rate of a fault that grows
 sensor_statistics  what single readings show without a model: stuck, open, noisy sensors; `sensor_monitor` acts on it
 rollback           back to an earlier step, and the readings since filtered again
 memory             what all of these share, and carry from step to step

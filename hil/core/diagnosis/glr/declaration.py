@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from math import inf, nan, sqrt
 
-from hil.core.diagnosis.glr import inflow_check, stuck_check
+from hil.core.diagnosis.glr import growth, inflow_check, stuck_check
 from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE
+from hil.core.diagnosis.glr.growth import NO_GROWTH
 from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, PUMPS, SPLITS
 from hil.core.diagnosis.glr.memory import Declared, DetectorConfig, Lost, Memory, Suspicion
-from hil.core.diagnosis.glr.model import BIAS, DRIFT, GAIN, LAG, LEAK, OUTLET, PUMP, SPLIT, Array
+from hil.core.diagnosis.glr.model import BIAS, DRIFT, GAIN, LAG, LEAK, OUTLET, PUMP, RATE, SPLIT, Array
 from hil.core.types import UNRESOLVED, Alarm, Pair
 
 MAX_EFFECTIVENESS = 2.0
@@ -20,11 +21,17 @@ MAX_EFFECTIVENESS = 2.0
 IDLE_V = 0.5
 """Below this voltage a pump's effectiveness does not show."""
 
+FOLLOW_S, FOLLOW_SIZE = 5.0, 0.02
+"""A fault that grows is reported again after this time when its size has changed by this much."""
+
 PROVEN_S, PROVEN_SHARE = 1.0, 0.1
 """A pump that has been driven for this time without an alarm works; with a smaller share of its gain it does not."""
 
 BLIND_S = 3.0
 """How long an alarm may be unresolved while a lower tank has no sensor."""
+
+STILL_THERE = 0.7
+"""A fault that has kept more than this share of its size is not over."""
 
 RECOVERED_STDS = 3.0
 RECOVERED_PUMP = 0.03
@@ -40,17 +47,25 @@ def declare(config: DetectorConfig, m: Memory, j: int, before: Array, onset: int
     total = now - healthy
     kind = known.kind if known else (jump.rises if total > 0.0 else jump.falls)
     least = RECOVERED_PUMP if jump.state < SPLIT else jump.fall[0]
-    is_recovery = known is not None and abs(total) < max(RECOVERED_STDS * std, least)
+    is_recovery = known is not None and _is_over(known, total, max(RECOVERED_STDS * std, least))
     shown, unit = _shown(config, m, j, healthy)
     onset_s = m.time_of(onset)
-    number, detected_s = _number(config, m, known, suspicion, is_recovery=is_recovery)
+    grows = growth.covers(m.growing, j)
+    number, detected_s = _number(config, m, known, suspicion, is_recovery=is_recovery, grows=grows)
     if is_recovery:
         del m.declared[j]
         if jump.state >= LEAK:
             m.forget(jump.state)
     else:
         m.declared[j] = Declared(
-            kind=kind, size=total, healthy=healthy, number=number, detected_s=detected_s, declared_s=m.t_s
+            kind=kind,
+            size=total,
+            healthy=healthy,
+            number=number,
+            detected_s=detected_s,
+            declared_s=m.t_s,
+            shown=shown,
+            grows=grows,
         )
     if kind == "sensor_drift" and not is_recovery:
         _exclude_sensor(m, jump.target - 1, kind, number)
@@ -73,11 +88,18 @@ def declare(config: DetectorConfig, m: Memory, j: int, before: Array, onset: int
     )
 
 
+def _is_over(known: Declared, total: float, near: float) -> bool:
+    """Whether what is left of a fault is nearly nothing: a small fault that has become no smaller goes on."""
+    return abs(total) < near and abs(total) < STILL_THERE * abs(known.size)
+
+
 def _number(
-    config: DetectorConfig, m: Memory, known: Declared | None, suspicion: Suspicion, *, is_recovery: bool
+    config: DetectorConfig, m: Memory, known: Declared | None, suspicion: Suspicion, *, is_recovery: bool, grows: bool
 ) -> tuple[int, float]:
     """Number and time of the alarm: those of the fault that is over or updated, or else new ones."""
-    if known is not None and (is_recovery or m.t_s - known.declared_s < config.tuning.sharpen_s):
+    is_fresh = known is not None and m.t_s - known.declared_s < config.tuning.sharpen_s
+    is_update = known is not None and (is_fresh or grows or known.grows)
+    if known is not None and (is_recovery or is_update):
         return known.number, known.detected_s
     number, taken = suspicion.number, {fault.number for fault in m.declared.values()}
     if number is None or number in taken:
@@ -108,6 +130,41 @@ def unresolved(m: Memory, suspicion: Suspicion, numbers: list[int]) -> Alarm:
         candidates=tuple(names),
         number=suspicion.number or 0,
     )
+
+
+def follow_growth(config: DetectorConfig, m: Memory) -> list[Alarm]:
+    """New sizes of a fault that grows, under the number of its alarm; the filter follows it all the time."""
+    alarms: list[Alarm] = []
+    if m.growing == NO_GROWTH or m.suspicion is not None or m.t_s - m.followed_s < FOLLOW_S:
+        return alarms
+    for j, fault in m.declared.items():
+        if not growth.covers(m.growing, j):
+            continue
+        shown, unit = _shown(config, m, j, fault.healthy)
+        if abs(shown - fault.shown) < FOLLOW_SIZE:
+            continue
+        fault.shown, fault.size = shown, float(m.x[JUMPS[j].state]) - fault.healthy
+        m.followed_s = m.t_s
+        alarms.append(
+            Alarm(
+                detected_s=fault.detected_s,
+                kind=fault.kind,
+                target=JUMPS[j].target,
+                size=shown,
+                size_std=sqrt(max(m.P[JUMPS[j].state, JUMPS[j].state], 0.0)) * unit,
+                isolated_s=m.t_s,
+                candidates=(f"{fault.kind} {JUMPS[j].target}",),
+                number=fault.number,
+            )
+        )
+    return alarms
+
+
+def end_growth(m: Memory) -> None:
+    """Let nothing grow that is not declared."""
+    if m.growing != NO_GROWTH and not any(growth.covers(m.growing, j) for j in m.declared):
+        m.forget(RATE)
+        m.growing = NO_GROWTH
 
 
 def close(m: Memory, suspicion: Suspicion, alarms: list[Alarm]) -> list[Alarm]:

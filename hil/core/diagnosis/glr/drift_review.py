@@ -36,6 +36,7 @@ def rival_of(config: DetectorConfig, m: Memory, winner: int, order: list[int], s
                 own_P=r.P[winner].copy(),
                 lead=float(r.evidence[winner] - r.evidence[number]),
                 until_s=m.t_s + tuning.rival_s,
+                target=int(r.target[number]),
             )
     return None
 
@@ -54,7 +55,8 @@ def step(config: DetectorConfig, m: Memory, measurement: Measurement) -> list[Al
     is_usable = measurement.readings > 0 and measurement.valid[i] and measurement.level_V[i] > config.empty_V
     if is_usable and not m.sensors[i].is_stuck(measurement, i):
         entry[READING + i] = measurement.level_V[i]
-    rival.lead += config.filter_beside(rival.own_x, rival.own_P, entry) - config.filter_beside(rival.x, rival.P, entry)
+    rival.lead += config.filter_beside(rival.own_x, rival.own_P, entry, m.growing)
+    rival.lead -= config.filter_beside(rival.x, rival.P, entry, rival.target)
     if rival.lead > config.tuning.drop_margin:
         m.rival = None
     if rival.lead > -config.tuning.detect:
@@ -67,7 +69,7 @@ def _reverse(config: DetectorConfig, m: Memory, rival: Rival) -> list[Alarm]:
     m.rival = None
     del m.lost[rival.sensor]
     m.usable[rival.sensor] = True
-    m.x[:], m.P[:] = rival.x, rival.P
+    m.x[:], m.P[:], m.growing = rival.x, rival.P, rival.target
     alarm = declaration.declare(config, m, rival.number, rival.before, rival.onset, rival.suspicion)
     m.restart_bank()
     return [alarm]

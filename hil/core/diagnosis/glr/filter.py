@@ -42,7 +42,7 @@ NO_READING_V2 = 1e6
 MIN_OUTLET = -0.02
 """The estimate of a shut outlet errs to either side of zero; a limit at zero would make it look open."""
 
-MIN_LAG, MAX_LAG = 0.05, 20.0
+MIN_LAG, MAX_LAG = 0.05, 75.0
 MIN_SPLIT, MAX_SPLIT = 0.01, 0.99
 """Lags over the rig file's; splits: the lower limit over the rig file's, the upper one of the split itself."""
 

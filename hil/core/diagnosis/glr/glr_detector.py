@@ -90,6 +90,7 @@ class GlrDetector:
             isolation.suspect(m)
         if m.suspicion is not None:
             alarms += isolation.isolate(config, m, m.suspicion)
+        alarms += declaration.follow_growth(config, m)
         declaration.watch_unproven(m)
         return m, self._diagnosis(m, alarms)
 
@@ -138,6 +139,7 @@ class GlrDetector:
     def _filter(self, m: Memory) -> list[Alarm]:
         """One step of filter and bank."""
         model, entry = self.config.model, m.entry
+        kernels.grow(m.x, m.P, m.growing, entry[PERIOD])
         likelihood = kernels.filter_step(model, m.x, m.P, entry, m.result)
         m.history.no_jump[m.now % RING] = likelihood
         alarms = stuck_check.step(self.config, m, likelihood)

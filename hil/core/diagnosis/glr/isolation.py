@@ -9,11 +9,12 @@ from math import sqrt
 
 import numpy as np
 
-from hil.core.diagnosis.glr import declaration, drift_review, kernels, rollback, stuck_check
+from hil.core.diagnosis.glr import ambiguity, declaration, drift_review, kernels, rollback, stuck_check
+from hil.core.diagnosis.glr.ambiguity import NO_EVIDENCE
 from hil.core.diagnosis.glr.bank import SLOTS
 from hil.core.diagnosis.glr.declaration import IDLE_V
 from hil.core.diagnosis.glr.filter import VOLTAGE
-from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, PUMPS, H
+from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, PUMPS, ROWS, VARIANTS, H
 from hil.core.diagnosis.glr.memory import Checkpoint, DetectorConfig, Memory, Suspicion
 from hil.core.diagnosis.glr.model import BIAS, DRIFT, GAIN, Array
 from hil.core.diagnosis.glr.replay import RING, Replays
@@ -32,11 +33,15 @@ MAX_BACK_STEPS = 100
 NO_LIMIT = 1 << 40
 """Filter steps; more than there can be."""
 
-NO_EVIDENCE = -1e300
-"""Evidence of an impossible hypothesis; finite, so that differences are."""
-
 MIN_GAIN, SURE_STDS = -0.1, 3.0
 """No pump runs backwards; the estimated gain of one at rest may be a little below zero, at first with a large error."""
+
+PLAIN = -1
+VARIANT_MARGIN = 1.0
+"""By how much another variant of a hypothesis must explain the readings better to take its place."""
+
+GROWTH_AGE = 1.5
+"""Since the onset of a fault that grows, over the time since that of the jump that looks most like it."""
 
 FAR_BEHIND = 0.25
 """A hypothesis with less than this share of the leader's ratio has no onset worth its own replay."""
@@ -59,16 +64,20 @@ def suspect(m: Memory) -> None:
         m.alarms += 1
         number = m.alarms
     m.suspicion = Suspicion(number=number, detected_s=m.t_s)
+    slots = []
     for number in range(H + 1):
         own = m.best.slot[number] >= 0 and m.best.ratio[number] >= FAR_BEHIND * m.max_ratio
-        slot = int(m.best.slot[number if own else leader])
-        _begin(m, m.replays, number, number, slot)
+        slots.append(int(m.best.slot[number if own else leader]))
+        _begin(m, m.replays, number, number, PLAIN, slots[number])
+    for place, variant in enumerate(VARIANTS):
+        slot = slots[variant.number] if variant.rate == 0.0 else _earlier(m, slots[variant.number])
+        _begin(m, m.replays, H + 1 + place, variant.number, place, slot)
 
 
 def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Alarm]:
     """One step towards a verdict; the alarms that it has come to."""
     tuning, r = config.tuning, m.replays
-    if kernels.catch_up(config.model, m.history, r, H + 1, m.now, tuning.replay_budget):
+    if kernels.catch_up(config.model, m.history, r, ROWS, m.now, tuning.replay_budget):
         return _candidates(m, suspicion, _likely_by_bank(config, m))
     evidence, order = _evidence(m)
     suspicion.leader = order[0]
@@ -87,13 +96,26 @@ def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Ala
         evidence, order = _evidence(m)
         winner = _leader(config, m, evidence, order)
     is_late = m.t_s - suspicion.detected_s >= tuning.resolve_within_s
-    if winner is None and (is_late or (_is_overtaken(config, m, order[0]) and not m.is_doubtful)):
+    is_overtaken = _is_overtaken(config, m, order[0]) and not m.is_doubtful
+    if winner is None and (is_late or is_overtaken):
         winner = order[0]
+    if winner is not None and not is_overtaken and ambiguity.is_drift_or_level(config, m, winner, is_late=is_late):
+        winner = None
     if winner is not None:
         return _settle(config, m, suspicion, winner, order)
     _drop(config, m, evidence)
     likely = [number for number in order if evidence[number] >= evidence[order[0]] - tuning.margin]
+    if is_late:
+        return _still_open(m, suspicion, likely)
     return _candidates(m, suspicion, likely + _likely_by_bank(config, m))
+
+
+def _still_open(m: Memory, suspicion: Suspicion, likely: list[int]) -> list[Alarm]:
+    """Report once what cannot be told apart, when the time for it is over: the search goes on."""
+    if suspicion.is_told or suspicion.number is None:
+        return []
+    suspicion.is_told = True
+    return [declaration.unresolved(m, suspicion, likely)]
 
 
 def _candidates(m: Memory, suspicion: Suspicion, likely: list[int]) -> list[Alarm]:
@@ -113,14 +135,27 @@ def _drop(config: DetectorConfig, m: Memory, evidence: Array) -> None:
     r.dropped[BOTH] = 0
 
 
-def _begin(m: Memory, replays: Replays, row: int, number: int, slot: int) -> None:
+def _earlier(m: Memory, slot: int) -> int:
+    """The slot at which a fault began to grow that looks like a jump at the onset of this slot."""
+    onsets = m.bank.onset
+    wanted = m.now - GROWTH_AGE * (m.now - int(onsets[slot]))
+    early = [s for s in range(SLOTS) if 0 <= onsets[s] <= wanted]
+    return max(early, key=lambda s: int(onsets[s])) if early else min(_slots(m), key=lambda s: int(onsets[s]))
+
+
+def _slots(m: Memory) -> list[int]:
+    """Slots that are in use."""
+    return [s for s in range(SLOTS) if m.bank.onset[s] >= 0]
+
+
+def _begin(m: Memory, replays: Replays, row: int, number: int, variant: int, slot: int) -> None:
     """Begin a replay of hypothesis `number`, its onset that of a slot of the bank."""
     reach = np.zeros(4)
     for j in jumps_of(number):
         energy = m.bank.energy[j, slot]
         size = min(max(m.bank.match[j, slot] / energy, -1.0), 1.0) if energy > 0.0 else 0.0
         reach += size * m.result.A[:4, JUMPS[j].state]
-    replays.begin(row, number, m.history, slot, int(m.bank.onset[slot]), reach)
+    replays.begin(row, number, variant, m.history, slot, int(m.bank.onset[slot]), reach, m.growing)
 
 
 def _likely_by_bank(config: DetectorConfig, m: Memory) -> list[int]:
@@ -150,6 +185,8 @@ def _leader(config: DetectorConfig, m: Memory, evidence: Array, order: list[int]
     """The hypothesis that leads by enough, or None."""
     tuning = config.tuning
     first, second = [number for number in order if number != BOTH][:2]
+    if evidence[first] - ambiguity.best_small(m) < tuning.margin:
+        return None
     if first not in PUMPS:
         if evidence[BOTH] - evidence[first] >= tuning.margin:
             return BOTH
@@ -189,13 +226,14 @@ def _settle(config: DetectorConfig, m: Memory, suspicion: Suspicion, winner: int
     m.checkpoint = _checkpoint(m, onset)
     has_explained = _has_explained(config, m, winner)
     x, P = (r.x_fit, r.P_fit) if has_explained else (r.x, r.P)
-    m.x[:], m.P[:] = x[winner], P[winner]
+    m.x[:], m.P[:], m.growing = x[winner], P[winner], int(r.target[winner])
     _loosen(config, m, winner, before)
     if winner in PUMPS and not _is_known(config, m, 1 - winner):
         m.unproven = (1 - winner, 0.0)
     stuck_check.credit(m, float(r.evidence[winner]))
     alarms = [declaration.declare(config, m, j, before, onset, suspicion) for j in jumps_of(winner)]
     alarms += declaration.close(m, suspicion, alarms)
+    declaration.end_growth(m)
     m.restart_bank()
     if has_explained:
         _refilter(config, m, int(r.fit[winner]))
@@ -216,7 +254,7 @@ def _refilter(config: DetectorConfig, m: Memory, start: int) -> None:
 def _checkpoint(m: Memory, onset: int) -> Checkpoint:
     """The filter as it was before a fault began, with a margin of some steps."""
     b = m.bank
-    slots = [s for s in range(SLOTS) if b.onset[s] >= 0]
+    slots = _slots(m)
     early = [s for s in slots if b.onset[s] <= onset - CHECKPOINT_STEPS]
     slot = max(early, key=lambda s: int(b.onset[s])) if early else min(slots, key=lambda s: int(b.onset[s]))
     return Checkpoint(
@@ -240,7 +278,7 @@ def _sharpen(config: DetectorConfig, m: Memory, number: int) -> None:
     if not near or m.now - onset >= RING - 64:
         return
     for row, slot in enumerate(near):
-        _begin(m, scratch, row, number, slot)
+        _begin(m, scratch, row, number, int(r.variant[number]), slot)
     kernels.catch_up(config.model, m.history, scratch, len(near), m.now, NO_LIMIT)
     best = int(np.argmax(scratch.evidence[: len(near)]))
     if scratch.evidence[best] > r.evidence[number]:
@@ -249,7 +287,11 @@ def _sharpen(config: DetectorConfig, m: Memory, number: int) -> None:
 
 def _evidence(m: Memory) -> tuple[Array, list[int]]:
     """(H + 1,) log-likelihood ratios, NO_EVIDENCE for the impossible; the hypotheses' numbers, the likeliest first."""
-    ratios = enumerate(m.replays.evidence)
+    r = m.replays
+    for row, variant in enumerate(VARIANTS, H + 1):
+        if not r.dropped[row] and r.evidence[row] > r.evidence[variant.number] + VARIANT_MARGIN:
+            r.swap(variant.number, row)
+    ratios = enumerate(r.evidence[: H + 1])
     evidence = np.array([value if _is_possible(m, number) else NO_EVIDENCE for number, value in ratios])
     return evidence, [int(number) for number in np.argsort(-evidence)]
 

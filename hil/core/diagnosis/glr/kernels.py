@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hil.core.diagnosis.glr import bank, noise_learning, replay
+from hil.core.diagnosis.glr import bank, growth, noise_learning, replay
 from hil.core.diagnosis.glr import filter as level_filter
 from hil.core.diagnosis.glr import model as process_model
 from hil.core.diagnosis.glr.compiled import entry_point
@@ -11,6 +11,7 @@ predict = entry_point(process_model.predict)
 filter_step = entry_point(level_filter.filter_step)
 learn_scale = entry_point(noise_learning.learn_scale)
 learn_process_noise = entry_point(noise_learning.learn_process_noise)
+grow = entry_point(growth.grow)
 advance_bank = entry_point(bank.advance)
 update_bank = entry_point(bank.update)
 catch_up = entry_point(replay.catch_up)

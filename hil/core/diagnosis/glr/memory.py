@@ -13,7 +13,8 @@ import numpy as np
 
 from hil.core.diagnosis.glr import bank, kernels
 from hil.core.diagnosis.glr.bank import Bank, Best, MinJumps
-from hil.core.diagnosis.glr.filter import StepResult
+from hil.core.diagnosis.glr.filter import PERIOD, StepResult
+from hil.core.diagnosis.glr.growth import NO_GROWTH
 from hil.core.diagnosis.glr.hypotheses import JUMPS
 from hil.core.diagnosis.glr.model import BIAS, DRIFT, GAIN, LAG, LEAK, LEVEL, PUMP, Array, FilterModel, N
 from hil.core.diagnosis.glr.noise_learning import ProcessNoise
@@ -71,8 +72,12 @@ class DetectorConfig:
         empty_V = EMPTY_STDS * noise_V
         return cls(tuning=tuning, model=filter_model, noise_V=noise_V, empty_V=empty_V, range_V=range_V)
 
-    def filter_beside(self, x: Array, P: Array, entry: Array) -> float:
-        """One step of a filter beside the main one, in place; the log-likelihood of the readings."""
+    def filter_beside(self, x: Array, P: Array, entry: Array, target: int) -> float:
+        """One step of a filter beside the main one, in place; the log-likelihood of the readings.
+
+        target : what grows in it, see `growth`.
+        """
+        kernels.grow(x, P, target, entry[PERIOD])
         return kernels.filter_step(self.model, x, P, entry, StepResult.empty())
 
 
@@ -81,12 +86,13 @@ class Suspicion:
     """An alarm that is not resolved yet.
 
     number : of the alarm; None as long as it may be about a fault that has one. leader : the likeliest hypothesis, None
-    before the replays have found one.
+    before the replays have found one. is_told : whether it was reported that candidates remain after the time for it.
     """
 
     number: int | None
     detected_s: float
     leader: int | None = None
+    is_told: bool = False
 
 
 class Lost(NamedTuple):
@@ -136,6 +142,7 @@ class Rival:
     own_P: Array
     lead: float
     until_s: float
+    target: int
 
 
 @dataclass(slots=True)
@@ -143,7 +150,8 @@ class Declared:
     """A fault that has been declared.
 
     healthy : the state before any fault. size : the jump since then, in the unit of the state. number, detected_s : of
-    its alarm. declared_s : run time of the verdict.
+    its alarm. declared_s : run time of the verdict. shown : the size that was reported last. grows :
+    whether it was declared as growing.
     """
 
     kind: str
@@ -152,6 +160,8 @@ class Declared:
     number: int
     detected_s: float
     declared_s: float
+    shown: float = nan
+    grows: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,6 +221,8 @@ class Memory:
     declared: dict[int, Declared] = field(default_factory=dict)
     suspicion: Suspicion | None = None
     stuck_checks: dict[int, StuckCheck] = field(default_factory=dict)
+    growing: int = NO_GROWTH
+    followed_s: float = -inf
     rival: Rival | None = None
     alarms: int = 0
     verdicts_s: tuple[float, ...] = ()

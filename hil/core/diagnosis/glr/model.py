@@ -1,16 +1,17 @@
 """The process as the diagnosis models it: the layout of the filter's state, and its prediction over one control period.
 
-State, N = 26 numbers; the constants below are the index of the first number of each group:
+State, N = 27 numbers; the constants below are the index of the first number of each group:
 
     h   4  levels, cm                        k    2  pump gains over the rig file's, 1 when nominal
     p   2  voltages behind the pump lag, V   g    2  valve splits, likewise
     tau 2  pump lags, likewise               a    4  outlet areas, likewise
     leak 2  tanks 3, 4: outflow to the floor over what the outlet passes on
     b   4  sensor biases, V                  d    4  sensor drifts, V/s
+    r   1  rate at which one of k, g, a or leak grows, 1/s, see `growth`
 
 Levels follow eq. (1) of Hajiani and Poshtan (2012), see `hil.core.tanks`; p' = (v - p)/(lag_s tau); b' = d. Parameters
-vary as slow random walks. Leaks, biases and drifts have zero variance, and so stay 0, until a fault hypothesis gives
-them some; a leak of tank 1 or 2 is a wider outlet, by the very same equations.
+vary as slow random walks. Leaks, biases, drifts and the rate have zero variance, and so stay 0, until a fault
+hypothesis gives them some; a leak of tank 1 or 2 is a wider outlet, by the very same equations.
 
 The transition matrix is the identity but for its first six rows, which are kept as A (MOVING, N), and the drifts'
 effect on the biases.
@@ -28,8 +29,8 @@ from hil.core.diagnosis.glr.compiled import compiled
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-N = 26
-LEVEL, PUMP, GAIN, SPLIT, LAG, OUTLET, LEAK, BIAS, DRIFT = 0, 4, 6, 8, 10, 12, 16, 18, 22
+N = 27
+LEVEL, PUMP, GAIN, SPLIT, LAG, OUTLET, LEAK, BIAS, DRIFT, RATE = 0, 4, 6, 8, 10, 12, 16, 18, 22, 26
 
 MOVING = 6
 """Levels and lagged voltages: the states whose rows of the transition matrix are not the identity's."""

@@ -13,9 +13,10 @@ import numpy as np
 
 from hil.core.diagnosis.glr.bank import MAX_AGE, SLOTS
 from hil.core.diagnosis.glr.compiled import compiled
-from hil.core.diagnosis.glr.filter import ENTRY, READING, StepResult, filter_step, whitened
-from hil.core.diagnosis.glr.hypotheses import BIAS_PRIOR_V, BOTH, JUMPS, PUMPS, H
-from hil.core.diagnosis.glr.model import BIAS, MOVING, Array, FilterModel, Ints, N
+from hil.core.diagnosis.glr.filter import ENTRY, PERIOD, READING, StepResult, filter_step, whitened
+from hil.core.diagnosis.glr.growth import BOTH_GAINS, NO_GROWTH, grow
+from hil.core.diagnosis.glr.hypotheses import BIAS_PRIOR_V, BOTH, JUMPS, PUMPS, ROWS, VARIANTS
+from hil.core.diagnosis.glr.model import BIAS, MOVING, RATE, Array, FilterModel, Ints, N
 
 RING = MAX_AGE + 64
 """Steps of history that are kept: a little more than the oldest onset needs."""
@@ -56,13 +57,14 @@ class History(NamedTuple):
 
 
 class Replays(NamedTuple):
-    """One filter a hypothesis, H + 1 of them; all arrays change in place.
+    """One filter a hypothesis, then one a variant, R in all; all arrays change in place.
 
-    x : (H + 1, N). P : (H + 1, N, N). evidence : (H + 1,) log-likelihood ratio against no jump. seen : (H + 1,) the
-    last step that the filter has taken in. onset : (H + 1,) the step at which its jump begins. before : (H + 1, N) the
-    state at the onset. bias : (H + 1,) the sensor whose bias jumps, from 0; -1 for none.
-    dropped : (H + 1,) 1 for those that have fallen too far behind to be worth their time. misfit : (H + 1,) how far the
-    latest readings are from what the replay itself expects, see `catch_up`. fit, x_fit, P_fit : (H + 1,) a late step
+    x : (R, N). P : (R, N, N). evidence : (R,) log-likelihood ratio against no jump. seen : (R,) the last step that the
+    filter has taken in. onset : (R,) the step at which its jump begins. before : (R, N) the state at the onset.
+    bias : (R,) the sensor whose bias jumps, from 0; -1 for none. variant : (R,) place in VARIANTS, -1 for the plain
+    jump. target : (R,) the state that grows, see `growth`.
+    dropped : (R,) 1 for those that have fallen too far behind to be worth their time. misfit : (R,) how far the
+    latest readings are from what the replay itself expects, see `catch_up`. fit, x_fit, P_fit : (R,) a late step
     at which they were as expected, and the filter at it.
     """
 
@@ -73,6 +75,8 @@ class Replays(NamedTuple):
     onset: Ints
     before: Array
     bias: Ints
+    variant: Ints
+    target: Ints
     dropped: Ints
     misfit: Array
     fit: Ints
@@ -82,7 +86,7 @@ class Replays(NamedTuple):
     @classmethod
     def empty(cls) -> Replays:
         """None under way."""
-        n = H + 1
+        n = ROWS
         return cls(
             x=np.zeros((n, N)),
             P=np.zeros((n, N, N)),
@@ -91,6 +95,8 @@ class Replays(NamedTuple):
             onset=np.zeros(n, dtype=np.int64),
             before=np.zeros((n, N)),
             bias=np.full(n, -1, dtype=np.int64),
+            variant=np.full(n, -1, dtype=np.int64),
+            target=np.full(n, NO_GROWTH, dtype=np.int64),
             dropped=np.zeros(n, dtype=np.int64),
             misfit=np.zeros(n),
             fit=np.zeros(n, dtype=np.int64),
@@ -98,21 +104,37 @@ class Replays(NamedTuple):
             P_fit=np.zeros((n, N, N)),
         )
 
-    def begin(self, row: int, number: int, history: History, slot: int, onset: int, reach: Array) -> None:
+    def begin(
+        self, row: int, number: int, variant: int, history: History, slot: int, onset: int, reach: Array, target: int
+    ) -> None:
         """Put hypothesis `number` at the onset of a slot, in row `row`.
 
-        reach : (4,) cm, how far the jump, as the bank has it, moves each level in one period.
+        variant : place in VARIANTS, -1 for the plain jump. reach : (4,) cm, how far the jump, as the bank has it, moves
+        each level in one period. target : what grows already, see `growth`.
         """
         self.x[row] = self.before[row] = history.x[slot]
         P = self.P[row]
         P[:] = history.P[slot]
+        way = VARIANTS[variant] if variant >= 0 else None
         for jump in (JUMPS[i] for i in (PUMPS if number == BOTH else (number,))):
-            P[jump.state, jump.state] += jump.prior**2
+            P[jump.state, jump.state] += (way.prior if way else jump.prior) ** 2
+            self.x[row, jump.state] += way.shift if way else 0.0
+        if way and way.rate > 0.0:
+            target = BOTH_GAINS if number == BOTH else JUMPS[number].state
+            self.x[row, RATE] = 0.0
+            P[RATE, :] = P[:, RATE] = 0.0
+            P[RATE, RATE] = way.rate**2
         P[range(4), range(4)] += (ONSET_SPREAD * reach) ** 2
-        self.evidence[row] = self.misfit[row] = 0.0
+        self.evidence[row], self.misfit[row] = way.odds if way else 0.0, 0.0
         self.seen[row] = self.onset[row] = self.fit[row] = onset
         self.bias[row] = JUMPING_BIAS[number]
+        self.variant[row], self.target[row] = variant, target
         self.dropped[row] = 0
+
+    def swap(self, row: int, other: int) -> None:
+        """Exchange two rows."""
+        for array in self:
+            array[[row, other]] = array[[other, row]]
 
     def take(self, row: int, other: Replays, its_row: int) -> None:
         """Replace a row by one of another's."""
@@ -137,6 +159,7 @@ def catch_up(model: FilterModel, history: History, replays: Replays, rows: int, 
             budget -= 1
             at = replays.seen[j] % history.entries.shape[0]
             entry = history.entries[at]
+            grow(replays.x[j], replays.P[j], replays.target[j], entry[PERIOD])
             likelihood = filter_step(model, replays.x[j], replays.P[j], entry, result)
             replays.evidence[j] += likelihood - history.no_jump[at]
             _watch_misfit(entry, result, replays, j)

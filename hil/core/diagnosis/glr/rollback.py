@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import nan
 
 from hil.core.diagnosis.glr import bank, kernels
-from hil.core.diagnosis.glr.filter import READING, VARIANCE
+from hil.core.diagnosis.glr.filter import PERIOD, READING, VARIANCE
 from hil.core.diagnosis.glr.memory import Declared, DetectorConfig, Memory
 from hil.core.diagnosis.glr.replay import RING
 
@@ -43,6 +43,7 @@ def refilter(config: DetectorConfig, m: Memory, start: int, end: int) -> None:
     m.restart_bank(start)
     for step in range(start + 1, end + 1):
         entry = m.history.entries[step % RING]
+        kernels.grow(m.x, m.P, m.growing, entry[PERIOD])
         m.history.no_jump[step % RING] = kernels.filter_step(config.model, m.x, m.P, entry, m.result)
         kernels.advance_bank(config.model.level_gain_V_cm, entry, m.result, m.bank)
         m.open_slot(step)

@@ -55,7 +55,7 @@ def step(config: DetectorConfig, m: Memory, log_likelihood: float) -> list[Alarm
     for p in list(m.stuck_checks.values()):
         entry = m.entry.copy()
         entry[VOLTAGE + p.pump], entry[DOUBT + p.pump] = p.voltage_V, 0.0
-        alarms += judge(config, m, p, log_likelihood, config.filter_beside(p.x, p.P, entry))
+        alarms += judge(config, m, p, log_likelihood, config.filter_beside(p.x, p.P, entry, m.growing))
     return alarms
 
 

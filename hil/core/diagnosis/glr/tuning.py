@@ -14,6 +14,7 @@ class Tuning:
 
     Isolation.
     margin : by how much the likeliest hypothesis must lead.
+    drift_margin : by how much a drift of a lower tank's sensor must lead a leak or blockage of that tank.
     both_lead : a single pump is not declared while both pumps together lead it by this.
     second_pump_std : a single pump is declared only when the other's gain is known to this standard deviation.
     min_steps : steps after the onset before a verdict, because the first step has only part of the fault in it.
@@ -46,6 +47,7 @@ class Tuning:
 
     detect: float = 20.0
     margin: float = 5.0
+    drift_margin: float = 6.0
     both_lead: float = 3.0
     second_pump_std: float = 0.04
     min_steps: int = 2

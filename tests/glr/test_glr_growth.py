@@ -1,0 +1,85 @@
+"""Faults that grow: named as what they are, followed under one number, never called a drift or a lost sensor."""
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from hil.core.diagnosis.glr.growth import BOTH_GAINS, NO_GROWTH, covers, grow
+from hil.core.diagnosis.glr.hypotheses import PUMPS
+from hil.core.diagnosis.glr.model import GAIN, OUTLET, RATE, N
+from hil.core.types import UNRESOLVED
+from tests.glr.glr_bench import Fault, Plant, play, put
+from tests.narrowing import not_none
+
+AT_S, STEP_S = 20.0, 0.5
+
+
+def growing(begin: Callable[[float], Callable[[Plant], None]], rate_1_s: float, to: float) -> tuple[Fault, ...]:
+    """A fault of size 0 at AT_S that grows at this rate, in small steps, to a size."""
+    steps = round(to / rate_1_s / STEP_S)
+    return tuple((AT_S + STEP_S * n, begin(rate_1_s * STEP_S * (n + 1))) for n in range(steps))
+
+
+def fading(pump: int) -> Callable[[float], Callable[[Plant], None]]:
+    return lambda size: put("effectiveness", pump, 1.0 - size)
+
+
+@pytest.mark.parametrize(
+    ("name", "begin", "seed"),
+    [
+        ("leak 1", lambda size: put("leak", 0, size), 82),
+        pytest.param("pump_effectiveness 1", fading(0), 81, marks=pytest.mark.long),
+        pytest.param("outlet_block 2", lambda size: put("block", 1, size), 83, marks=pytest.mark.long),
+        pytest.param("leak 2", lambda size: put("leak", 1, size), 84, marks=pytest.mark.long),
+        pytest.param("outlet_block 1", lambda size: put("block", 0, size), 85, marks=pytest.mark.long),
+        pytest.param("pump_effectiveness 2", fading(1), 86, marks=pytest.mark.long),
+        pytest.param("leak 4", lambda size: put("leak", 3, size), 87, marks=pytest.mark.long),
+    ],
+)
+def test_a_fault_that_grows_is_one_alarm_whose_size_follows(
+    name: str, begin: Callable[[float], Callable[[Plant], None]], seed: int
+) -> None:
+    """A growing leak or blockage was called a drift of the healthy sensor; a fading pump took 26 alarms, or a trip."""
+    size = 0.12
+    log = play(seed, AT_S + 50.0, growing(begin, 0.003, size))
+    assert {f"{alarm.kind} {alarm.target}" for alarm in log.alarms if alarm.kind != UNRESOLVED} == {name}
+    assert len({alarm.number for alarm in log.alarms}) == 1
+    last = log.alarms[-1]
+    assert last.size == pytest.approx(1.0 - size if "pump" in name else size, abs=0.025)
+    assert len(log.alarms) >= 4, "it is reported again as it grows"
+    assert all(state.diagnosis.trusted == (True,) * 4 for state in log.states)
+    sized = [alarm for alarm in log.settled() if not np.isnan(alarm.size)]
+    assert all(not_none(b.isolated_s) > not_none(a.isolated_s) for a, b in pairwise(sized))
+
+
+def test_a_drift_of_a_lower_sensor_stays_a_drift() -> None:
+    log = play(88, AT_S + 40.0, ((AT_S, put("drift", 0, 0.02)),))
+    assert [(alarm.kind, alarm.target) for alarm in log.settled()] == [("sensor_drift", 1)]
+
+
+def test_a_lag_far_longer_than_the_files_is_told_as_a_lag() -> None:
+    """The filter began at the file's lag, found a quarter of it, and the rest was a pump that was tripped as stuck."""
+    log = play(89, AT_S + 25.0, ((AT_S, put("lag_s", 0, 5.0)),), ((5.0, 0.3), (AT_S + 5.0, -0.5)))
+    assert [(alarm.kind, alarm.target) for alarm in log.settled()] == [("pump_lag", 1)]
+    assert 1.0 < log.settled()[0].size < 10.0, "the filter learns it better from the next movements"
+    assert not any(any(state.diagnosis.stuck_on) for state in log.states)
+
+
+def test_the_rate_moves_its_parameter_and_nothing_else() -> None:
+    x, P = np.zeros(N), np.diag(np.full(N, 1e-4))
+    x[RATE], P[RATE, RATE] = 0.01, 4e-6
+    before = x.copy()
+    grow(x, P, OUTLET, 0.1)
+    assert x[OUTLET] == pytest.approx(0.001)
+    assert np.delete(x, OUTLET) == pytest.approx(np.delete(before, OUTLET))
+    assert P[OUTLET, RATE] == P[RATE, OUTLET] == pytest.approx(4e-7)
+    assert P[OUTLET, OUTLET] == pytest.approx(1e-4 + 4e-8)
+    grow(x, P, BOTH_GAINS, 0.1)
+    assert x[GAIN] == x[GAIN + 1] == pytest.approx(0.001)
+    kept = x.copy()
+    grow(x, P, NO_GROWTH, 0.1)
+    assert (x == kept).all()
+    assert all(covers(BOTH_GAINS, pump) for pump in PUMPS)
+    assert not any(covers(NO_GROWTH, pump) for pump in PUMPS)
