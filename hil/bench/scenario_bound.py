@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from math import ceil
+from math import ceil, floor
 
 from hil.bench.assembly import Bench, reference_schedule
 from hil.core.tanks import holding_voltages
@@ -41,8 +41,16 @@ def detection_bound(bench: Bench, reading_s: float) -> float | None:
     bound_s = _bound(bench.rig, reading_s, tuple(sorted(jumps.items())), _held(bench, onset_s))
     if bound_s is None:
         return None
-    period_s = bench.rig.control.period_s
-    return ceil((onset_s + bound_s) / period_s - STEP_TOLERANCE) * period_s - onset_s
+    return delay_of_step(onset_s, bound_s, reading_s, bench.rig.control.period_s)
+
+
+def delay_of_step(onset_s: float, bound_s: float, reading_s: float, period_s: float) -> float:
+    """Seconds from the onset to the first control step at which the readings suffice.
+
+    bound_s : from an onset just after a reading. A later onset shows less in each reading, so it is found no sooner.
+    """
+    read_s = floor(onset_s / reading_s + STEP_TOLERANCE) * reading_s
+    return ceil((read_s + bound_s) / period_s - STEP_TOLERANCE) * period_s - onset_s
 
 
 def _held(bench: Bench, onset_s: float) -> tuple[tuple[float, Pair], ...]:

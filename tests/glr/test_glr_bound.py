@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from hil.bench.scenario_bound import delay_of_step
 from hil.core.diagnosis.glr import kernels
 from hil.core.diagnosis.glr.detection_bound import detection_bound_s, entry_of, jumps_of_fault, learned, wanted_stds
 from hil.core.diagnosis.glr.filter import READING, StepResult
@@ -68,6 +69,12 @@ def test_the_rate_of_the_readings_makes_no_noise_of_the_process() -> None:
     rare = not_none(detection_bound_s(MODEL, 0.2, 0.005, jumps, HELD, 0.1, 0.02))
     often = not_none(detection_bound_s(MODEL, 0.2, 0.005 * math.sqrt(2.0), jumps, HELD, 0.1, 0.01))
     assert often == pytest.approx(rare, abs=0.021)
+
+
+@pytest.mark.parametrize(("onset_s", "delay_s"), [(150.0, 0.1), (150.01, 0.09), (150.07, 0.03), (150.081, 0.019)])
+def test_a_reading_soon_after_the_onset_counts(onset_s: float, delay_s: float) -> None:
+    """One reading shows a bias of 0.5 V. For an onset 30 ms before a control step the bound once was the step after."""
+    assert delay_of_step(onset_s, READING_S, READING_S, PERIOD_S) == pytest.approx(delay_s)
 
 
 def test_what_is_no_jump_has_no_bound() -> None:
