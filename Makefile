@@ -18,7 +18,7 @@ BY_FILE      := --dist loadfile --no-loadscope-reorder
 
 # every line and branch of what keeps the rig safe
 COVERED := --cov-branch --cov-fail-under=100 --cov-report=term-missing:skip-covered \
-	$(addprefix --cov=hil.,core.supervisor core.interlocks core.overshoot core.live_levels core.inflow_watch wire.frame_check wire.command_sender)
+	$(addprefix --cov=hil.,core.supervisor core.interlocks core.overshoot core.live_levels core.inflow_watch core.dry_watch wire.frame_check wire.command_sender)
 
 .PHONY: help setup demo test test-socketcan test-long mutants lint unit live benchmarks docs docs-serve lock clean
 

@@ -12,6 +12,7 @@ from math import isfinite
 
 from hil.core import closed_loop, state_feedback, supervisor
 from hil.core.closed_loop import TIME_TOLERANCE_S, LoopConfig, LoopState
+from hil.core.dry_watch import DryWatch, watch_dry
 from hil.core.inflow_watch import InflowWatch, watch_inflow
 from hil.core.interlocks import Belief, Limits
 from hil.core.live_levels import NONE, LiveLevels, live_levels_cm, watch_readings
@@ -57,6 +58,7 @@ class Monitors:
     live_outlets: Outlets = field(default_factory=Outlets)
     live: LiveLevels = field(default_factory=LiveLevels)
     inflow: InflowWatch = field(default_factory=InflowWatch)
+    dry: DryWatch = field(default_factory=DryWatch)
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +138,7 @@ def _observe(
         levels_cm = _with_live(estimate.level_cm, live_cm)
         live_outlets = watch(model, monitors.live_outlets, levels_cm, effective_V, now_ns)
     inflow = watch_inflow(model, monitors.inflow, estimate.level_cm, effective_V, diagnosis, now_ns)
+    dry = watch_dry(model, monitors.dry, estimate.level_cm, estimate.pump_V, diagnosis.trusted, now_ns)
     belief = Belief(
         diagnosis=diagnosis,
         level_cm=estimate.level_cm,
@@ -145,8 +148,9 @@ def _observe(
         live_cm=live_cm,
         law_problem=loop.problem,
         possible_cm=inflow.possible_cm(estimate.level_cm, diagnosis),
+        is_dry=dry.is_dry,
     )
-    return Monitors(outlets=outlets, live_outlets=live_outlets, live=live, inflow=inflow), belief
+    return Monitors(outlets=outlets, live_outlets=live_outlets, live=live, inflow=inflow, dry=dry), belief
 
 
 def _effective(diagnosis: Diagnosis, pump_V: Pair) -> Pair:

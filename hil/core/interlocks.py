@@ -66,7 +66,7 @@ class Belief:
     level_cm : (4,) estimated levels, None before the first estimate. pump_V : (2,) what the pumps deliver, lag
     included. accommodates : whether the law follows the diagnosis. open_share : (2,) see `overshoot.Outlets`. live_cm :
     (4,) see `live_levels`. law_problem : why the law can't hold the outputs; "" if it can. possible_cm : (2,) of the
-    lower tanks, see `inflow_watch`; None before the first.
+    lower tanks, see `inflow_watch`; None before the first. is_dry : see `dry_watch`.
     """
 
     diagnosis: Diagnosis = NO_FAULT
@@ -77,6 +77,7 @@ class Belief:
     live_cm: Quad = NONE
     law_problem: str = ""
     possible_cm: Pair | None = None
+    is_dry: bool = False
 
 
 NO_BELIEF = Belief()
@@ -89,7 +90,7 @@ class Situation:
     level_cm : (4,) of `levels_cm`. pump_V : (2,) the most that a pump may still deliver, as a voltage of a nominal
     pump. mismatch_s : how long the applied voltages have differed from the echoed command. open_share : (2,) of the
     lower tanks' outlets. live_cm : (4,) levels of sensors that are not trusted, -inf for others. law_problem,
-    possible_cm : of the belief.
+    possible_cm, is_dry : of the belief.
     """
 
     inputs: Inputs
@@ -101,6 +102,7 @@ class Situation:
     live_cm: Quad = NONE
     law_problem: str = ""
     possible_cm: Pair | None = None
+    is_dry: bool = False
 
 
 class Reaction(Enum):
@@ -196,7 +198,7 @@ def _is_dry_run(limits: Limits, s: Situation) -> bool:
     dead1, dead2 = (left < limits.dead_below for left in s.diagnosis.effectiveness)
     unproven1, unproven2 = s.diagnosis.unproven
     delivers_nothing = (dead1 and (dead2 or unproven2)) or (dead2 and unproven1)
-    return delivers_nothing and max(s.inputs.pumps.applied_V) > limits.dry_run_V
+    return (delivers_nothing or s.is_dry) and max(s.inputs.pumps.applied_V) > limits.dry_run_V
 
 
 INTERLOCKS: tuple[Interlock, ...] = (

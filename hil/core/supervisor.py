@@ -273,6 +273,7 @@ def _situation(limits: Limits, state: Supervision, inputs: Inputs, now_ns: int, 
         live_cm=belief.live_cm,
         law_problem=belief.law_problem,
         possible_cm=belief.possible_cm,
+        is_dry=belief.is_dry,
     )
 
 

@@ -328,6 +328,15 @@ def test_a_dead_pump_beside_one_that_stands_still_is_no_proof_of_water(
     assert cause_of(but(HEALTHY, "pumps", applied_V=applied), believing(diagnosis)) is cause
 
 
+@pytest.mark.parametrize(("applied", "cause"), [((0.5, 0.5), None), ((0.5 + JUST, 0.0), TripCause.DRY_RUN)])
+def test_pumps_whose_water_does_not_arrive_run_dry_whatever_is_believed_of_them(
+    applied: Pair, cause: TripCause | None
+) -> None:
+    inputs = but(HEALTHY, "pumps", applied_V=applied)
+    assert cause_of(inputs, believing(Diagnosis(), is_dry=True)) is cause
+    assert cause_of(inputs, believing(Diagnosis())) is None
+
+
 @pytest.mark.parametrize("theta", [(0.1 - JUST, 1.0), (1.0, 0.1 - JUST), (0.0, 0.0)])
 def test_a_dead_pump_stops_the_run_if_so_configured(theta: Pair) -> None:
     stops = replace(LIMITS, stops_on_dead_pump=True)
