@@ -39,7 +39,7 @@ class Tuning:
     shares of itself and of its prior.
     sharpen_s : a second verdict on a fault within this time updates the first.
     rival_s : for this time after a sensor drift is declared, a leak or blockage may still reverse the verdict.
-    stuck_check_s : for this time a pump that has lost gain is checked for being stuck at some flow.
+    stuck_check_s : for this time a pump whose gain has changed is checked for being stuck at some flow.
     readmit_s : a lost sensor that agrees with the filter for this time is used again.
     diverged, diverged_s : mean square of the whitened innovations, over this time, that no fault explains.
     verdicts_max : as many verdicts within diverged_s also mean divergence.
