@@ -2,12 +2,22 @@
 
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from pydantic import BaseModel
 
 from firmware_sim.faults.catalogue import KINDS, as_text
-from firmware_sim.settings import SettingsError, default_config_dir, equilibrium_cm, load, load_fingerprint
+from firmware_sim.settings import (
+    EmulatorSettings,
+    SettingsError,
+    default_config_dir,
+    equilibrium_cm,
+    load,
+    load_fingerprint,
+)
 from tests import fork_server
 from tests.firmware_sim.sim_bench import CONFIG
 
@@ -219,3 +229,26 @@ def test_an_existing_record_is_refused_and_left_alone(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert "File exists" in done.stderr
     assert record.read_text() == "precious"
+
+
+def test_a_key_that_may_be_left_out_is_what_the_shipped_file_says(tmp_path: Path) -> None:
+    """A file from before the key was there describes the same rig."""
+    lines = (CONFIG / "emulator.toml").read_text().splitlines(keepends=True)
+    shipped, _ = load(CONFIG / "emulator.toml")
+    left_out = []
+    for number, line in enumerate(lines):
+        key = line.partition(" = ")[0]
+        file = tmp_path / "emulator.toml"
+        file.write_text("".join(lines[:number] + lines[number + 1 :]))
+        with suppress(SettingsError):  # the key is required, or the line is a table's head
+            if load(file)[0] == shipped:
+                left_out.append(key)
+    assert set(optional_keys(EmulatorSettings)) <= set(left_out)
+
+
+def optional_keys(table: type[BaseModel]) -> Iterator[str]:
+    for key, field in table.model_fields.items():
+        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
+            yield from optional_keys(field.annotation)
+        elif not field.is_required():
+            yield key

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from hil.edge.record.run_folder import (
+    ClockOffsets,
     NoRunFolderError,
     RunFolder,
     RunFolderError,
@@ -48,6 +49,12 @@ def test_a_folder_that_can_not_be_begun_is_not_left(tmp_path: Path, monkeypatch:
     with pytest.raises(KeyboardInterrupt):
         RunFolder.create(tmp_path / "parent/run", toy.plan())
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_zero_of_the_run_is_known_as_far_as_the_clocks_is() -> None:
+    assert ClockOffsets(1000.25).with_run_zero(2.5).run_zero_epoch_s == 1002.75
+    assert ClockOffsets(0.0).with_run_zero(2.5).run_zero_epoch_s == 2.5
+    assert ClockOffsets().with_run_zero(2.5).run_zero_epoch_s is None
 
 
 def test_manifest_comes_back_as_it_was_written(tmp_path: Path) -> None:

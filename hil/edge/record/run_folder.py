@@ -105,8 +105,9 @@ class ClockOffsets:
         return cls(round((time.time_ns() - time.monotonic_ns()) * 1e-9, 6) if is_live else 0.0)
 
     def with_run_zero(self, monotonic_s: float) -> ClockOffsets:
-        """The offsets with the run's time zero, given as monotonic time."""
-        return replace(self, run_zero_epoch_s=round((self.monotonic_zero_epoch_s or 0.0) + monotonic_s, 6))
+        """The offsets with the run's time zero, given as monotonic time; not known where that clock's zero is not."""
+        zero_s = self.monotonic_zero_epoch_s
+        return replace(self, run_zero_epoch_s=None if zero_s is None else round(zero_s + monotonic_s, 6))
 
 
 @dataclass(frozen=True, slots=True)
