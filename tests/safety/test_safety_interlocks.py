@@ -672,3 +672,9 @@ def test_rejected_frames_are_named_where_they_may_be_the_reason(interlock: Inter
     assert plain.startswith(interlock.text)
     assert interlock.describe(noisy) == expected
     assert Interlock(interlock.cause, interlock.is_active, "by default none").describe(noisy) == "by default none"
+
+
+@pytest.mark.parametrize(("theta", "expected"), [((1.5, 0.5), (4.5, 3.0)), ((0.5, 1.5), (3.0, 4.5))])
+def test_a_stronger_pump_still_delivers_more_and_a_weak_one_may_not_be_weak(theta: Pair, expected: Pair) -> None:
+    situation = supervisor._situation(LIMITS, RUNNING, HEALTHY, NOW_NS, Belief(Diagnosis(theta), pump_V=(3.0, 3.0)))
+    assert situation.pump_V == pytest.approx(expected)
