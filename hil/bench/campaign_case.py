@@ -11,6 +11,7 @@ from firmware_sim import settings as emulator_settings
 from firmware_sim.faults import Fault
 from firmware_sim.ports import BusPort as EmulatorPort
 from firmware_sim.rig import Rig as Emulator
+from firmware_sim.setting_types import parts
 from firmware_sim.settings import EmulatorSettings
 from hil import lockstep
 from hil.bench import assembly, scenario_bound
@@ -22,6 +23,7 @@ from hil.campaigns.outcome import Rest
 from hil.campaigns.row import Elapsed, Row
 from hil.campaigns.toml_text import toml_text
 from hil.core.fault_kinds import FaultKind
+from hil.core.types import Quad
 from hil.edge.can.bus import BusPort
 from hil.edge.can.pair_bus import pair
 from hil.edge.config.rig_file import load_rig
@@ -30,12 +32,15 @@ from hil.edge.config.settings_file import SettingsError, validated
 from hil.edge.record.run_folder import Window, write_atomically
 from hil.wire.contract import Contract
 
+MAX_V = 10.0
 REST_NS = 500_000_000
 """How long the emulator goes on alone after a run, to see at which voltages it comes to rest."""
 
 DRAIN_NS = 60_000_000_000
-"""How long it goes on after that: the upper tanks drain into the lower ones, which may still overflow. Not with a pump
-that is stuck on: it would run on until its supply is cut."""
+"""How long it goes on after that: the upper tanks drain into the lower ones, which may still overflow."""
+
+RUNS_ON = (FaultKind.PUMP_STUCK_ON, FaultKind.FOREIGN_COMMAND)
+"""Faults with which a pump runs on without a controller, until its supply is cut: nothing is drained then."""
 
 
 def run_case(case: Case, config_dir: Path, bound_s: outcome.Bound | None = None) -> Row:
@@ -53,6 +58,19 @@ def check(case: Case, config_dir: Path, where: str) -> None:
     _emulator_settings(case, config_dir, where)
 
 
+def _may_overflow(truth: EmulatorSettings, level_cm: Quad) -> bool:
+    """Whether a lower tank may be too full for the water that still comes: of the tank above, and of the pumps' lag."""
+    tanks, pumps = truth.tanks, truth.pumps
+    area_cm2, height_cm = tanks.area_cm2, parts(tanks.height_cm, 4)
+    still_s = max(parts(pumps.lag_s, 2)) + max(parts(pumps.delay_s, 2))
+    on_the_way_cm3 = MAX_V * max(pumps.gain_cm3_Vs) * still_s
+    return any(
+        area_cm2[lower] * level_cm[lower] + area_cm2[upper] * level_cm[upper] + on_the_way_cm3
+        > area_cm2[lower] * height_cm[lower]
+        for lower, upper in ((0, 2), (1, 3))
+    )
+
+
 def _run(case: Case, config_dir: Path, bound_s: outcome.Bound | None, started: Elapsed) -> Row:
     bench = _bench(case, config_dir, case.key)
     config = controller_config(bench)
@@ -68,7 +86,8 @@ def _run(case: Case, config_dir: Path, bound_s: outcome.Bound | None, started: E
         ending = lockstep.run(loop, port, EmulatorPort(emulator, theirs), config.loop.period_s)
     emulator.advance(emulator.now_ns + REST_NS)
     applied_V = emulator.pump.applied_V
-    if not any(fault["kind"] == FaultKind.PUMP_STUCK_ON for fault in case.faults):
+    kinds = {fault["kind"] for fault in case.faults}
+    if kinds.isdisjoint(RUNS_ON) and (FaultKind.PUMP_LAG in kinds or _may_overflow(truth, emulator.levels_cm)):
         emulator.advance(emulator.now_ns + DRAIN_NS)
     rest = Rest(emulator.truth().spilled_cm3, applied_V)
     return outcome.evaluate(

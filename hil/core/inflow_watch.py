@@ -14,7 +14,7 @@ Why: docs/decisions/0022-veto-of-a-live-sensor.md.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import sqrt
+from math import inf, sqrt
 
 from hil.core.tanks import TankModel
 from hil.core.types import Diagnosis, Pair, Quad
@@ -48,11 +48,11 @@ class InflowWatch:
     watched_ns: int = 0
 
     def possible_cm(self, level_cm: Quad, diagnosis: Diagnosis) -> Pair:
-        """(2,) the levels that the lower tanks may have, in cm; those given where nothing speaks against them."""
+        """(2,) the levels that the lower tanks may have, in cm; -inf where nothing speaks against those given."""
         first, second = (
             level_cm[tank] * max(self.ratio[tank] / self.learned[tank], 1.0) ** 2
             if diagnosis.trusted[tank] and self.ratio[tank] > MIN_RATIO * self.learned[tank] > 0.0
-            else level_cm[tank]
+            else -inf
             for tank in range(2)
         )
         return first, second

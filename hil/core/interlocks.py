@@ -189,8 +189,8 @@ def _describe_levels(s: Situation) -> str:
 
 
 def _describe_possible(s: Situation) -> str:
-    """The levels that the inflow would hold with the outlets as they were."""
-    return "" if s.possible_cm is None else "its inflow would hold up to {:.2f} and {:.2f} cm".format(*s.possible_cm)
+    """The level that the inflow would hold with the outlet as it was."""
+    return "" if s.possible_cm is None else f"its inflow would hold up to {max(s.possible_cm):.2f} cm"
 
 
 def _is_dry_run(limits: Limits, s: Situation) -> bool:

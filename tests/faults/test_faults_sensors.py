@@ -27,7 +27,7 @@ from tests.narrowing import not_none
 
 AT_S = 25.0
 SENSORS = (1, 2, 3, 4)
-GAIN_V_CM = 0.5
+GAIN_V_CM, LEVEL_MAX_CM = 0.5, 19.0
 SAMPLE_S = 0.02
 
 
@@ -69,9 +69,21 @@ def test_case_31_sensor_stuck_while_levels_still_move(seed: int, at_s: float, se
 @pytest.mark.parametrize("rate_V_s", first(2, 0.05, -0.1, 0.01, -0.02, 0.02, -0.05, 0.1))
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_case_32_sensor_drifts(sensor: int, rate_V_s: float) -> None:
-    """A drift is found before what is believed of the level is 2 cm off."""
+    """A drift is found before what is believed of the level is 2 cm off.
+
+    A lower sensor that comes to read a full tank trips the run, since a clogged outlet would read the same.
+    """
     run = play(watched(fault("sensor_drift", AT_S, sensor, rate_V_s), duration_s=60.0))
-    assert_no_trip(run)
+    reads_cm = [
+        truth.levels_cm[sensor - 1] + rate_V_s * max(tick.t_s - AT_S, 0.0) / GAIN_V_CM
+        for tick, truth in zip(run.ticks, run.keeper.truths, strict=True)
+    ]
+    if max(reads_cm) < LEVEL_MAX_CM - 0.2:
+        assert_no_trip(run)
+    else:
+        assert [cause for _, cause in run.trips] == ["high_level"], run.told
+        assert f"sensor {sensor}, which diagnosis does not trust, may be right" in run.told[-1]
+        assert reads_cm[-1] == pytest.approx(LEVEL_MAX_CM, abs=0.2), "not before"
     found = run.finding(f"sensor_drift {sensor}", f"sensor_bias {sensor}")
     assert found.isolated_s is not None
     assert abs(rate_V_s) * (found.isolated_s - AT_S) / GAIN_V_CM < 2.0, run.told

@@ -357,7 +357,7 @@ def test_a_tank_that_may_be_fuller_than_its_sensor_shows_stops_the_run(tank: int
     assert (state.mode, state.cause, state.stopped_by) == (Mode.STOPPING, None, "high_level")
     assert events[0].text == (
         "stopping: a lower tank leaks, or it is fuller than its sensor shows: "
-        f"its inflow would hold up to {full[0]:.2f} and {full[1]:.2f} cm"
+        f"its inflow would hold up to {full[tank]:.2f} cm"
     )
     assert after(HEALTHY, believing(Diagnosis(), possible_cm=(19.0, 19.0)))[0].mode is Mode.RUNNING
     unknown = supervisor._situation(LIMITS, RUNNING, HEALTHY, NOW_NS, NO_BELIEF)
