@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -55,14 +54,13 @@ def _take_deadlines_away() -> None:
     settings.load_profile("no deadline")
 
 
-@pytest.fixture(autouse=True, scope="session")
-def _no_pause_after_a_line_over_tcp() -> Iterator[None]:
-    """pyserial waits 0.3 s after it has closed one, for servers that aren't ready yet; those of the tests are."""
-    from serial.urlhandler import protocol_socket
+@pytest.fixture(autouse=True)
+def _no_pause_after_a_line_over_tcp(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """pyserial waits 0.3 s after it has closed one, for servers that aren't ready yet; those in this process are."""
+    if request.node.get_closest_marker("live") is None:
+        from serial.urlhandler import protocol_socket
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(protocol_socket, "time", SimpleNamespace(sleep=lambda _s: None))
-        yield
+        monkeypatch.setattr(protocol_socket, "time", SimpleNamespace(sleep=lambda _s: None))
 
 
 @pytest.hookimpl(trylast=True)
