@@ -99,10 +99,10 @@ class Situation:
     pump_V: Pair
     mismatch_s: float
     open_share: Pair
-    live_cm: Quad = NONE
-    law_problem: str = ""
-    possible_cm: Pair | None = None
-    is_dry: bool = False
+    live_cm: Quad
+    law_problem: str
+    possible_cm: Pair | None
+    is_dry: bool
 
 
 class Reaction(Enum):

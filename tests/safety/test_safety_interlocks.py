@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from hil.core import interlocks, supervisor
 from hil.core.interlocks import BYPASSABLE, INTERLOCKS, NO_BELIEF, Belief, Interlock, Reaction, Situation
+from hil.core.live_levels import NONE
 from hil.core.supervisor import OFF, Supervision
 from hil.core.types import Action, Diagnosis, Event, Inputs, Mode, NodeState, Pair, Request, Severity, TripCause
 from tests.narrowing import quad
@@ -664,6 +665,10 @@ def test_rejected_frames_are_named_where_they_may_be_the_reason(interlock: Inter
             pump_V=(3.0, 3.0),
             mismatch_s=0.0,
             open_share=(1.0, 1.0),
+            live_cm=NONE,
+            law_problem="",
+            possible_cm=None,
+            is_dry=False,
         )
         for text in ("", summary)
     )
