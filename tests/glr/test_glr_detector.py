@@ -305,3 +305,11 @@ def test_readings_that_nothing_explains_diverge() -> None:
             break
     assert verdict is not None
     assert verdict.is_diverged
+
+
+def test_a_pump_that_has_half_of_its_lost_gain_back_has_not_recovered() -> None:
+    faults = ((10.0, put("effectiveness", 0, 0.4)), (20.0, put("effectiveness", 0, 0.7)))
+    log = play(3, 40.0, faults)
+    assert [alarm.target for alarm in log.settled()][:1] == [1]
+    assert not any(alarm.is_recovery for alarm in log.alarms)
+    assert log.last.diagnosis.effectiveness[0] == pytest.approx(0.7, abs=0.04)
