@@ -11,7 +11,7 @@ from pydantic import Field, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
 from firmware_sim.faults.effects import Effects
-from firmware_sim.faults.episode import Episode
+from firmware_sim.faults.episode import Episode, Timed
 from firmware_sim.setting_types import Table, one_of, within
 
 MAX_S = 1e7
@@ -22,7 +22,7 @@ Share = Annotated[float, within(0.0, 1.0)]
 Volt = Annotated[float, within(0.0, 10.0)]
 
 
-class Fault(Protocol):
+class Fault(Timed, Protocol):
     """One fault; times in seconds from the moment t = 0 of the scenario, or from its injection."""
 
     @property
@@ -32,26 +32,6 @@ class Fault(Protocol):
     @property
     def target(self) -> int | str:
         """What the fault acts on."""
-
-    @property
-    def at_s(self) -> float:
-        """Onset."""
-
-    @property
-    def until_s(self) -> float | None:
-        """End, or None: the fault lasts to the end of the run."""
-
-    @property
-    def ramp_s(self) -> float:
-        """Time in which the fault grows to its full size, 0 for an abrupt one."""
-
-    @property
-    def period_s(self) -> float | None:
-        """Period of an intermittent fault, or None: it does not go away before its end."""
-
-    @property
-    def duty(self) -> float | None:
-        """Share of each period in which an intermittent fault is there."""
 
     def apply(self, effects: Effects, episode: Episode) -> None:
         """Write this fault into the effects."""

@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 
 class Timed(Protocol):
-    """What an episode needs to know of its fault; times in seconds from its origin."""
+    """When a fault is there; times in seconds from its origin."""
 
     @property
     def at_s(self) -> float:
@@ -30,7 +30,7 @@ class Timed(Protocol):
 
     @property
     def until_s(self) -> float | None:
-        """End, or None."""
+        """End, or None: the fault lasts to the end of the run."""
 
     @property
     def ramp_s(self) -> float:
@@ -38,7 +38,7 @@ class Timed(Protocol):
 
     @property
     def period_s(self) -> float | None:
-        """Period of an intermittent fault, or None."""
+        """Period of an intermittent fault, or None: it does not go away before its end."""
 
     @property
     def duty(self) -> float | None:
