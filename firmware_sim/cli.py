@@ -58,6 +58,10 @@ def serve(
     channel: Annotated[str | None, typer.Option("-c", "--channel", help="Channel of the interface.")] = None,
     bitrate: Annotated[int | None, typer.Option("-b", "--bitrate", min=1, help="Bit rate in bit/s.")] = None,
     scenario: Annotated[str | None, typer.Option(help="Scenario: a file, or the name of a shipped one.")] = None,
+    rig: Annotated[
+        str | None,
+        typer.Option(help="Be this rig: a rig file, or the name of a shipped one. Default: the rig of emulator.toml."),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the sensor noise.")] = 0,
     record: Annotated[Path | None, typer.Option(help="New file for state and voltage changes (JSON lines).")] = None,
     control: Annotated[
@@ -75,23 +79,25 @@ def serve(
     del faults, version
     from firmware_sim.change_record import ChangeRecord
     from firmware_sim.rig import Rig
+    from firmware_sim.rig_file import find_rig
     from firmware_sim.settings import default_config_dir, load, load_fingerprint
 
     _check_transport(slcan, pty, interface, channel, bitrate)
     folder = config if config is not None else default_config_dir()
-    settings, scheduled = load(folder / "emulator.toml", _scenario_file(folder, scenario))
+    rig_file = None if rig is None else find_rig(rig, folder, default_config_dir())
+    settings, scheduled = load(folder / "emulator.toml", _scenario_file(folder, scenario), rig_file)
     fingerprint = load_fingerprint(folder / "bench.dbc")
     try:
         observer = None if record is None else ChangeRecord(record)
     except OSError as error:
         raise UsageError(f"--record {record}: {error.strerror}") from None
-    rig = Rig(settings, scheduled, seed, fingerprint, observer)
-    commands = _command_server(rig, control)
+    emulated = Rig(settings, scheduled, seed, fingerprint, observer)
+    commands = _command_server(emulated, control)
     try:
         if interface is not None:
-            _serve_bus(rig, commands, interface, channel, bitrate)
+            _serve_bus(emulated, commands, interface, channel, bitrate)
         else:
-            _serve_slcan(rig, commands, slcan)
+            _serve_slcan(emulated, commands, slcan)
     finally:
         commands.close()
         if observer is not None:

@@ -3,7 +3,6 @@
 All values are checked on loading; every error is one line with file, key, value and what is allowed.
 """
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, cast
 
@@ -12,30 +11,26 @@ from pydantic import ValidationError
 from firmware_sim.faults.base import Fault
 from firmware_sim.faults.catalogue import KINDS
 from firmware_sim.frames import contract_fingerprint
+from firmware_sim.rig_file import key_in_rig, read_rig
 from firmware_sim.setting_types import Table, listed, one_of, parts, per_part, within
+from firmware_sim.settings_file import (
+    SettingsError,
+    check_kind,
+    dotted,
+    first_complaint,
+    holds,
+    merged,
+    read_text,
+    read_toml,
+)
+
+__all__ = ["EmulatorSettings", "SettingsError", "default_config_dir", "equilibrium_cm", "load", "load_fingerprint"]
 
 Area = Annotated[float, within(0.1, 1e5)]
 Outlet = Annotated[float, within(1e-4, 1e3)]
 Volt = Annotated[float, within(0.0, 10.0)]
 PumpGain = Annotated[float, within(0.01, 1e3)]
 Share = Annotated[float, within(0.0, 1.0)]
-
-
-WORDS = {"model_type": "must be a table", "bool_type": "must be true or false"}
-"""For the errors that are not from our own checks (`firmware_sim.setting_types`)."""
-
-OTHER_FILES = {
-    "campaign": "a campaign",
-    "scenario": "a scenario",
-    "nodes": "an emulator file",
-    "safety": "a rig file",
-    "bus": "a rig file",
-}
-"""A table at the top -> the only kind of file that has it."""
-
-
-class SettingsError(ValueError):
-    """A settings file is missing, is not TOML, or has a value that is not allowed."""
 
 
 class TankSettings(Table):
@@ -137,41 +132,43 @@ def default_config_dir() -> Path:
     raise SettingsError(f"{beside}: no config directory with a bench.dbc here; name one with --config")
 
 
-def load(emulator_toml: Path, scenario: Path | None = None) -> tuple[EmulatorSettings, tuple[Fault, ...]]:
+def load(
+    emulator_toml: Path, scenario: Path | None = None, rig: Path | None = None
+) -> tuple[EmulatorSettings, tuple[Fault, ...]]:
     """Read and check emulator.toml and, if given, the emulator's part of a scenario.
 
-    Raises SettingsError.
+    rig : a rig file; tanks, pumps, sensors and start are then those of this rig, and emulator.toml has only what a rig
+    file can't say. A scenario's [emulator] table has priority over both. Raises SettingsError.
     """
-    base = _read_toml(emulator_toml)
-    scenario_data = {} if scenario is None else _read_toml(scenario)
-    _check_kind(base, emulator_toml, "nodes", "an emulator file")
-    _check_kind(scenario_data, scenario, "scenario", "a scenario")
+    base = read_toml(emulator_toml)
+    scenario_data = {} if scenario is None else read_toml(scenario)
+    check_kind(base, emulator_toml, "nodes", "an emulator file")
+    check_kind(scenario_data, scenario, "scenario", "a scenario")
     overlay = scenario_data.get("emulator", {})
     if not isinstance(overlay, dict):
         raise SettingsError(f"{scenario}: emulator = {overlay!r}: must be a table")
+    of_rig = {} if rig is None else read_rig(rig)
+
+    def where(path: tuple[int | str, ...]) -> str:
+        """File and key that a value comes from."""
+        if scenario is not None and holds(overlay, path):
+            return f"{scenario}: {dotted(('emulator', *path))}"
+        if rig is not None and holds(of_rig, path):
+            return f"{rig}: {dotted(key_in_rig(path))}"
+        return f"{emulator_toml}: {dotted(path)}"
+
     try:
-        settings = EmulatorSettings.model_validate(_merged(base, overlay))
+        settings = EmulatorSettings.model_validate(merged(merged(base, of_rig), overlay))
     except ValidationError as error:
-        path, what = _first(error)
-        if scenario is not None and _holds(overlay, path):
-            raise SettingsError(f"{scenario}: {_dotted(('emulator', *path))}{what}") from None
-        raise SettingsError(f"{emulator_toml}: {_dotted(path)}{what}") from None
-    _check_start(settings, scenario if "start_V" in overlay.get("tanks", {}) else emulator_toml)
+        path, what = first_complaint(error)
+        raise SettingsError(f"{where(path)}{what}") from None
+    _check_start(settings, where(("tanks", "start_V")))
     return settings, _faults(scenario_data, scenario)
-
-
-def _check_kind(data: dict[str, Any], file: Path | None, table: str, kind: str) -> None:
-    """Refuse a file that is plainly of another kind. table : what files of the right kind have."""
-    if table in data:
-        return
-    found = next((what for name, what in OTHER_FILES.items() if name in data), "")
-    if found:
-        raise SettingsError(f"{file}: is {found}, not {kind}")
 
 
 def load_fingerprint(dbc: Path) -> int:
     """CRC-32 of the wire contract, which the nodes send in their heartbeats. Raises SettingsError."""
-    return contract_fingerprint(_read_text(dbc))
+    return contract_fingerprint(read_text(dbc))
 
 
 def equilibrium_cm(settings: EmulatorSettings) -> tuple[float, float, float, float]:
@@ -211,7 +208,8 @@ def _extremes(settings: EmulatorSettings) -> tuple[EmulatorSettings, ...]:
     )
 
 
-def _check_start(settings: EmulatorSettings, file: Path | None) -> None:
+def _check_start(settings: EmulatorSettings, where: str) -> None:
+    """Refuse a start with a level above the rim. where : file and key of the voltages. Raises SettingsError."""
     spread = settings.parameter_spread
     heights_cm = parts(settings.tanks.height_cm, 4)
     highest_cm, height_cm = max(
@@ -222,8 +220,7 @@ def _check_start(settings: EmulatorSettings, file: Path | None) -> None:
         start_V = list(settings.tanks.start_V)
         may = f" with parameter_spread = {spread:g} can give" if spread else " gives"
         raise SettingsError(
-            f"{file}: tanks.start_V = {start_V}:{may} a level of {highest_cm:.2f} cm, "
-            f"which is outside 0 .. {height_cm:g} cm"
+            f"{where} = {start_V}:{may} a level of {highest_cm:.2f} cm, which is outside 0 .. {height_cm:g} cm"
         )
 
 
@@ -245,56 +242,5 @@ def _fault(entry: object, where: str) -> Fault:
     try:
         return cast(Fault, KINDS[kind].model_validate(entry))
     except ValidationError as error:
-        path, what = _first(error)
-        raise SettingsError(f"{where}.{_dotted(path)}{what}") from None
-
-
-def _read_text(file: Path) -> str:
-    try:
-        return file.read_text(encoding="utf-8-sig")  # some editors write a byte order mark; it is no part of the text
-    except OSError as error:
-        raise SettingsError(f"{file}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise SettingsError(f"{file}: is not UTF-8 text (byte {error.start})") from None
-
-
-def _read_toml(file: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(_read_text(file))
-    except tomllib.TOMLDecodeError as error:
-        raise SettingsError(f"{file}: is not valid TOML: {error}") from None
-
-
-def _merged(base: dict[str, Any], overlay: dict[str, Any]) -> dict[str, Any]:
-    merged = dict(base)
-    for key, value in overlay.items():
-        below = merged.get(key)
-        are_tables = isinstance(below, dict) and isinstance(value, dict)
-        merged[key] = _merged(below, value) if are_tables else value  # type: ignore[arg-type]
-    return merged
-
-
-def _holds(table: Any, path: tuple[int | str, ...]) -> bool:
-    """Whether the value at path (or the table or list that lacks it) is in this table."""
-    for part in path:
-        if isinstance(table, list):
-            return True
-        if not isinstance(table, dict) or part not in table:
-            return False
-        table = table[part]
-    return True
-
-
-def _first(error: ValidationError) -> tuple[tuple[int | str, ...], str]:
-    """Key path of the first complaint, and the rest of its line."""
-    complaint = error.errors(include_url=False)[0]
-    kind = complaint["type"]
-    if kind == "missing":
-        return complaint["loc"], ": key is missing"
-    if kind == "extra_forbidden":
-        return complaint["loc"], f" = {complaint['input']!r}: unknown key"
-    return complaint["loc"], f" = {complaint['input']!r}: {WORDS.get(kind, complaint['msg'])}"
-
-
-def _dotted(path: tuple[int | str, ...]) -> str:
-    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).lstrip(".")
+        path, what = first_complaint(error)
+        raise SettingsError(f"{where}.{dotted(path)}{what}") from None

@@ -23,6 +23,7 @@ from hil.core.gain_design import GainDesign
 from hil.edge.can.bus import BusAddress
 from hil.edge.config.rig_file import load_rig
 from hil.edge.config.settings_file import MAX_DURATION_S, SettingsError, default_config_dir
+from hil.edge.config.shipped import find_rig
 from hil.edge.host.realtime import RealTime
 
 StrPath = str | Path
@@ -43,7 +44,8 @@ def load(
     scenario : str or path
         A scenario file, or the name of a shipped one, such as ``"paper"``.
     rig : str or path, optional
-        A rig file in place of the configuration's `rig.toml`.
+        A rig file, or the name of a shipped one, such as ``"johansson_minus"``, in place of the configuration's
+        `rig.toml`. The emulator then is this rig, too, plus what the scenario's `[emulator]` table says otherwise.
     config : str or path, optional
         Folder with `rig.toml`, `emulator.toml` and `bench.dbc`; the shipped one by default.
     design : str or GainDesign, optional
@@ -69,7 +71,7 @@ def load(
     0.1
 
     """
-    return assembly.load(scenario, _path(config), rig_file=_path(rig), design=design, detector=detector)
+    return assembly.load(scenario, _path(config), rig=rig, design=design, detector=detector)
 
 
 def simulate(
@@ -216,6 +218,7 @@ def run(
 def campaign(
     spec: StrPath,
     *,
+    rig: StrPath | None = None,
     config: StrPath | None = None,
     seeds: int | None = None,
     first_seed: int | None = None,
@@ -233,6 +236,8 @@ def campaign(
     spec : str or path
         A campaign file, a scenario file, a folder of scenarios, or a shipped name.
         Designs and detectors are chosen by name in these files.
+    rig : str or path, optional
+        As for `load`.
     config : str or path, optional
         Folder with `rig.toml`, `emulator.toml` and `bench.dbc`; the shipped one by default.
     seeds, first_seed : int, optional
@@ -273,7 +278,9 @@ def campaign(
     for name, value, least in (("seeds", seeds, 1), ("first_seed", first_seed, 0), ("processes", processes, 1)):
         if value is not None:
             _check_whole(name, value, least)
-    options = CampaignOptions(_path(out), _path(config), seeds, first_seed, duration_s, processes, scheduler, report)
+    options = CampaignOptions(
+        _path(out), _path(config), rig, seeds, first_seed, duration_s, processes, scheduler, report
+    )
     prepared = campaign_run.prepare(spec, options)
     store = None if out is None else campaign_run.open_store(prepared, Path(out))
     rows = campaign_run.run_missing(prepared, store, on_row or (lambda _: None))
@@ -292,7 +299,7 @@ def design(
     design : str or GainDesign
         Its name in the table of designs, or an object of your own.
     rig : str or path, optional
-        A rig file in place of the configuration's `rig.toml`.
+        A rig file, or the name of a shipped one, in place of the configuration's `rig.toml`.
     config : str or path, optional
         Folder with `rig.toml`; the shipped one by default.
 
@@ -314,7 +321,8 @@ def design(
     ((2, 6), True)
 
     """
-    path = _path(rig) or (_path(config) or default_config_dir()) / "rig.toml"
+    config_dir = _path(config)
+    path = (config_dir or default_config_dir()) / "rig.toml" if rig is None else find_rig(rig, config_dir)
     return design_figures(load_rig(path), design, str(path))
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from hil.bench.design_figures import stable_ones
 from hil.bench.designs import DESIGNS
 from hil.bench.detectors import DETECTORS
 from hil.bench.dry_step import FAILURES, DryStepError, try_out
@@ -25,7 +26,7 @@ from hil.core.types import Action, Inputs, Mode, Pair, Quad, Request, TripCause
 from hil.edge.config.rig_file import Rig, load_rig
 from hil.edge.config.scenario_file import OperatorRequest, Scenario, load_scenario
 from hil.edge.config.settings_file import SettingsError, default_config_dir, read_text
-from hil.edge.config.shipped import find_scenario
+from hil.edge.config.shipped import find_rig, find_scenario
 from hil.edge.record.run_folder import RunPlan, Window
 from hil.loop import ControlLoop, Port, Recorder
 from hil.wire.contract import Contract, ContractError
@@ -37,7 +38,7 @@ Watcher = Callable[[Inputs, Output, Mode], None]
 class Bench:
     """A scenario with the rig and the contract that it runs on, all checked, and the files that they came from.
 
-    rig_file : a rig file beside the configuration folder; None: `rig.toml` in it.
+    rig_file : a rig file for controller and emulator; None: `rig.toml` and `emulator.toml` of the configuration folder.
     design, detector : objects of the user's own, used instead of what the scenario names; None: what it names.
     """
 
@@ -70,16 +71,17 @@ def load(
     scenario: str | Path,
     config_dir: Path | None = None,
     *,
-    rig_file: Path | None = None,
+    rig: str | Path | None = None,
     design: str | GainDesign | None = None,
     detector: str | FaultDetector | None = None,
 ) -> Bench:
     """Read and check everything; raises SettingsError with one line that names file and key.
 
-    scenario : path or shipped name. design, detector : a name or an object in place of the scenario's; None: its own.
+    scenario, rig : path or shipped name. design, detector : a name or an object in place of the scenario's.
     """
     config = config_dir or default_config_dir()
     path = find_scenario(scenario, config_dir)
+    rig_file = None if rig is None else find_rig(rig, config_dir)
     settings = _with_choices(load_scenario(path), design, detector)
     bench = Bench(
         settings,
@@ -195,7 +197,8 @@ def _gain_design(bench: Bench) -> GainDesign:
     try:
         return choice.make(bench.rig)
     except DesignError as error:
-        raise SettingsError(f"{_where(bench)}: control: {error}") from None
+        where = _where(bench)
+        raise SettingsError(f"{where}: control: {error}; {stable_ones(bench.rig, where)}") from None
 
 
 def _fault_detector(bench: Bench) -> FaultDetector:

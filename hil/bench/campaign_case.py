@@ -20,10 +20,11 @@ from hil.campaigns import outcome
 from hil.campaigns.cases import Case
 from hil.campaigns.observer import Observer
 from hil.campaigns.outcome import Rest
+from hil.campaigns.rig_draw import RigNumbers
 from hil.campaigns.row import Elapsed, Row
 from hil.campaigns.toml_text import toml_text
 from hil.core.fault_kinds import FaultKind
-from hil.core.types import Quad
+from hil.core.types import Pair, Quad
 from hil.edge.can.bus import BusPort
 from hil.edge.can.pair_bus import pair
 from hil.edge.config.rig_file import load_rig
@@ -53,9 +54,47 @@ def run_case(case: Case, config_dir: Path, bound_s: outcome.Bound | None = None)
 
 
 def check(case: Case, config_dir: Path, where: str) -> None:
-    """Read and check all settings of the case. Raises SettingsError, also for what the emulator refuses."""
+    """Read and check all settings of the case, and try them out. Raises SettingsError, also for the emulator's."""
     assembly.check(_bench(case, config_dir, where))
     _emulator_settings(case, config_dir, where)
+
+
+def check_settings(case: Case, config_dir: Path, where: str) -> None:
+    """Read and check the settings of the case without a trial. Raises SettingsError."""
+    _bench(case, config_dir, where)
+    _emulator_settings(case, config_dir, where)
+
+
+def rig_numbers(case: Case, config_dir: Path, where: str) -> RigNumbers:
+    """The emulated rig of a case, as the draws of a campaign start from it. Raises SettingsError."""
+    rig = _bench(case, config_dir, where).rig
+    truth, _ = _emulator_settings(case, config_dir, where)
+    tanks, pumps = truth.tanks, truth.pumps
+    return RigNumbers(
+        gain_cm3_Vs=pumps.gain_cm3_Vs,
+        dead_zone_V=_pair(pumps.dead_zone_V),
+        curve_1_V=_pair(pumps.curve_1_V),
+        lag_s=_pair(pumps.lag_s),
+        valve_split=pumps.valve_split,
+        outlet_cm2=tanks.outlet_cm2,
+        datum_cm=_quad(tanks.datum_cm),
+        height_cm=_quad(tanks.height_cm),
+        gravity_cm_s2=tanks.gravity_cm_s2,
+        level_gain_V_cm=_quad(truth.sensors.gain_V_cm),
+        start_V=tanks.start_V,
+        operating_point_V=rig.control.operating_point_V,
+        range_V=rig.pumps.range_V,
+    )
+
+
+def _pair(value: float | tuple[float, ...]) -> Pair:
+    first, second = parts(value, 2)
+    return first, second
+
+
+def _quad(value: float | tuple[float, ...]) -> Quad:
+    h1, h2, h3, h4 = parts(value, 4)
+    return h1, h2, h3, h4
 
 
 def _may_overflow(truth: EmulatorSettings, level_cm: Quad) -> bool:
@@ -115,8 +154,8 @@ def _figures(bench: Bench) -> outcome.RigFigures:
 def _bench(case: Case, config_dir: Path, where: str) -> Bench:
     """As `assembly.load`, from a dict instead of a file."""
     scenario = validated(Scenario, case.scenario_data, where)
-    rig = load_rig(config_dir / "rig.toml", scenario, Path(where))
-    return Bench(scenario, rig, _contract(config_dir), Path(where), config_dir)
+    rig = load_rig(case.rig_file or config_dir / "rig.toml", scenario, Path(where))
+    return Bench(scenario, rig, _contract(config_dir), Path(where), config_dir, case.rig_file)
 
 
 def _emulator_settings(case: Case, config_dir: Path, where: str) -> tuple[EmulatorSettings, tuple[Fault, ...]]:
@@ -124,7 +163,7 @@ def _emulator_settings(case: Case, config_dir: Path, where: str) -> tuple[Emulat
     file = _scratch() / "case.toml"
     write_atomically(file, toml_text(case.scenario_data))
     try:
-        return emulator_settings.load(config_dir / "emulator.toml", file)
+        return emulator_settings.load(config_dir / "emulator.toml", file, case.rig_file)
     except emulator_settings.SettingsError as error:
         raise SettingsError(str(error).replace(str(file), where)) from None
 

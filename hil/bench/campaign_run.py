@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from hil.bench import campaign_case, campaign_pool
 from hil.campaigns import cases as listing
 from hil.campaigns.cases import PAIRS, Case
+from hil.campaigns.rig_draw import RigNumbers
 from hil.campaigns.row import Row
-from hil.campaigns.spec import load_spec
+from hil.campaigns.spec import Spec, load_spec
 from hil.campaigns.store import Store
 from hil.edge.config.settings_file import SettingsError, default_config_dir, read_toml
-from hil.edge.config.shipped import find_campaign
+from hil.edge.config.shipped import find_campaign, find_rig
 from hil.version import __version__
 
 RESULTS_DEPEND_ON = ("rig.toml", "emulator.toml", "bench.dbc")
@@ -24,11 +26,13 @@ RESULTS_DEPEND_ON = ("rig.toml", "emulator.toml", "bench.dbc")
 class CampaignOptions:
     """How to run a campaign; None: as the campaign file, or this machine, has it.
 
-    out : its folder; rows that are in it are not run again. report : whether to write report.html.
+    out : its folder; rows that are in it are not run again. rig : path or shipped name. report : whether to write
+    report.html.
     """
 
     out: Path | None = None
     config_dir: Path | None = None
+    rig: str | Path | None = None
     seeds: int | None = None
     first_seed: int | None = None
     duration_s: float | None = None
@@ -60,21 +64,40 @@ def prepare(campaign: str | Path, options: CampaignOptions) -> PreparedCampaign:
 
 
 def load(path: Path, config_dir: Path, options: CampaignOptions) -> tuple[str, tuple[Case, ...]]:
-    """The campaign's name and its cases, checked: the first of each class, and every pair. Raises SettingsError."""
+    """The campaign's name and its cases, checked: the first of each class, every pair and every drawn rig.
+
+    Raises SettingsError.
+    """
     spec, files = load_spec(path)
     spec = listing.with_seeds(spec, options.seeds, options.first_seed, options.duration_s)
+    rig_file = None if options.rig is None else find_rig(options.rig, options.config_dir).resolve()
     scenarios = [read_toml(file) for file in files]
-    cases = listing.expand(spec, scenarios, _digest(config_dir))
+    rigs = [] if spec.draw is None else [_numbers(spec, data, config_dir, rig_file, path) for data in scenarios]
+    try:
+        expanded = listing.expand(spec, scenarios, _digest(config_dir, rig_file), rigs)
+    except SettingsError as error:
+        raise SettingsError(f"{path}: {error}") from None
+    cases = tuple(replace(case, rig_file=rig_file) for case in expanded)
     seen: set[tuple[str, str]] = set()
     for case in cases:
         where = f"{path}: {case.scenario or '?'}: {case.label}"
         if case.label == PAIRS or (case.scenario, case.label) not in seen:
             seen.add((case.scenario, case.label))
             campaign_case.check(case, config_dir, where)
+        elif case.drawn:
+            campaign_case.check_settings(case, config_dir, f"{where}: seed {case.seed}")
         listing.check_faults_are_played(case, where)
     if len({case.key for case in cases}) < len(cases):
         raise SettingsError(f"{path}: has the same case twice; look for repeated scenarios, targets or values")
     return spec.campaign.name, cases
+
+
+def _numbers(
+    spec: Spec, scenario_data: dict[str, Any], config_dir: Path, rig_file: Path | None, path: Path
+) -> RigNumbers:
+    """The rig that a scenario's draws start from."""
+    data = listing.with_overlay(spec, scenario_data)
+    return campaign_case.rig_numbers(Case("", "", "", 0, data, rig_file=rig_file), config_dir, str(path))
 
 
 def open_store(campaign: PreparedCampaign, out: Path | None) -> Store:
@@ -100,9 +123,13 @@ def run_missing(campaign: PreparedCampaign, store: Store | None, on_row: Callabl
 
 
 def write_results(campaign: PreparedCampaign, store: Store, rows: Sequence[Row], *, report: bool) -> tuple[Path, ...]:
-    """Write table, report, and the scenarios of runs with broken invariants or false alarms; returns the files."""
+    """Write table, report, and the scenarios of runs with broken invariants, false alarms or a drawn rig.
+
+    Returns the files.
+    """
     written = [store.write_table(rows)]
-    notable = frozenset(row.key for row in rows if row.breaks or row.false_alarms)
+    is_drawn = any(case.drawn for case in campaign.cases)
+    notable = frozenset(row.key for row in rows if is_drawn or row.breaks or row.false_alarms)
     scenarios = store.keep_scenarios(campaign.cases, notable)
     if report:
         from hil.campaigns.campaign_report import write_report  # draws: a second that others need not wait for
@@ -111,12 +138,12 @@ def write_results(campaign: PreparedCampaign, store: Store, rows: Sequence[Row],
     return (*written, scenarios) if notable else tuple(written)
 
 
-def _digest(config_dir: Path) -> str:
+def _digest(config_dir: Path, rig_file: Path | None) -> str:
     """Digest of what results depend on besides the cases: the bench's files and this program's version."""
     digest = hashlib.sha256(__version__.encode())
-    for name in RESULTS_DEPEND_ON:
+    for file in [config_dir / name for name in RESULTS_DEPEND_ON] + ([] if rig_file is None else [rig_file]):
         try:
-            digest.update((config_dir / name).read_bytes())
+            digest.update(file.read_bytes())
         except OSError as error:
-            raise SettingsError(f"{config_dir / name}: can't be read: {error.strerror}") from None
+            raise SettingsError(f"{file}: can't be read: {error.strerror}") from None
     return digest.hexdigest()

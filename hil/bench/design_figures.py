@@ -125,6 +125,20 @@ def design_figures(rig: Rig, design: str | GainDesign, where: str) -> DesignFigu
     )
 
 
+def stable_ones(rig: Rig, where: str) -> str:
+    """Which of the designs are stable on a rig, as a sentence. where : the rig file, for messages."""
+    stable = []
+    for name in DESIGNS.names:
+        try:
+            if design_figures(rig, name, where).is_stable:
+                stable.append(name)
+        except SettingsError:
+            continue
+    if not stable:
+        return f"none of the designs {', '.join(DESIGNS.names)} is stable on this rig"
+    return f"of the designs {', '.join(DESIGNS.names)}, stable on this rig: {', '.join(stable)}"
+
+
 def _requested_poles(design: GainDesign, linear: LinearModel) -> Array | ComplexArray | None:
     """Poles requested by a design by eigenstructure assignment; None for any other design."""
     if isinstance(design, RigDesign):

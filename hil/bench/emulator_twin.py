@@ -11,7 +11,7 @@ from hil.edge.config.settings_file import SettingsError
 def emulator_of(bench: Bench, seed: int) -> Emulator:
     """The emulator that plays the scenario's faults; `seed` is of its noise. Raises SettingsError."""
     try:
-        truth, faults = emulator_settings.load(bench.emulator_path, bench.scenario_path)
+        truth, faults = emulator_settings.load(bench.emulator_path, bench.scenario_path, bench.rig_file)
         return Emulator(truth, faults, seed, emulator_settings.load_fingerprint(bench.dbc_path))
     except emulator_settings.SettingsError as error:
         raise SettingsError(str(error)) from None

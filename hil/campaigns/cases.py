@@ -5,16 +5,18 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from random import Random
 from typing import Any
 
-from hil.campaigns.spec import FaultRow, PoolRow, Spec, Target
+from hil.campaigns.rig_draw import RigNumbers, draw_rig
+from hil.campaigns.spec import FaultRow, OneFault, Pairs, PoolRow, Spec, Target
 from hil.edge.config.settings_file import SettingsError, merged
 
 KEY_DIGITS = 16
 ONSET_DIGITS = 6
-HEALTHY, PAIRS = "no fault", "pairs"
+HEALTHY, PAIRS, ONE_FAULT = "no fault", "pairs", "one fault"
 
 Fault = dict[str, Any]
 ScenarioData = dict[str, Any]
@@ -25,7 +27,8 @@ class Case:
     """One run.
 
     key : a digest of all that its result depends on. label : the class of faults that it is grouped by.
-    scenario_data : the scenario as a dict.
+    scenario_data : the scenario as a dict. drawn : what [draw] drew for it. rig_file : the rig that it runs on; None:
+    the configuration's `rig.toml` and `emulator.toml`.
     """
 
     key: str
@@ -33,6 +36,8 @@ class Case:
     scenario: str
     seed: int
     scenario_data: ScenarioData
+    drawn: Mapping[str, Any] = field(default_factory=dict)
+    rig_file: Path | None = None
 
     @property
     def faults(self) -> Sequence[Mapping[str, Any]]:
@@ -52,20 +57,33 @@ class Cell:
     ramp_s: float | None = None
 
 
-def expand(spec: Spec, scenarios: Sequence[ScenarioData], digest: str = "") -> tuple[Case, ...]:
+def expand(
+    spec: Spec, scenarios: Sequence[ScenarioData], digest: str = "", rigs: Sequence[RigNumbers] = ()
+) -> tuple[Case, ...]:
     """All cases: scenarios times cells times seeds.
 
-    scenarios : the spec's scenario files as dicts. digest : of everything else that results depend on.
+    scenarios : the spec's scenario files as dicts. digest : of everything else that results depend on. rigs : for a
+    spec with [draw], the rig that the draws start from, for each scenario. Raises SettingsError for a rig that can't
+    be drawn.
     """
     about = spec.campaign
     seeds = range(about.first_seed, about.first_seed + about.seeds)
+    bases: Sequence[RigNumbers | None] = rigs or [None] * len(scenarios)
     cases = [
-        _case(spec, cell, scenario_data, seed, digest)
-        for scenario_data in scenarios
+        _case(spec, cell, scenario_data, seed, digest, base)
+        for scenario_data, base in zip(scenarios, bases, strict=True)
         for cell in _cells(spec, scenario_data)
         for seed in seeds
     ]
     return tuple(cases)
+
+
+def with_overlay(spec: Spec, scenario_data: ScenarioData) -> ScenarioData:
+    """The scenario with the spec's tables and its length merged in."""
+    scenario_data = merged(scenario_data, spec.overlay)
+    if spec.campaign.duration_s is not None:
+        scenario_data = merged(scenario_data, {"scenario": {"duration_s": spec.campaign.duration_s}})
+    return scenario_data
 
 
 def with_seeds(spec: Spec, seeds: int | None, first_seed: int | None, duration_s: float | None) -> Spec:
@@ -111,22 +129,35 @@ def _cells(spec: Spec, scenario_data: ScenarioData) -> Iterator[Cell]:
                     yield Cell(_class_name(row.kind, named, value, ramp_s), row, target, value, ramp_s)
     if spec.pairs is not None:
         yield Cell(PAIRS)
-    if not spec.fault and spec.pairs is None:
+    if spec.one_fault is not None:
+        yield Cell(ONE_FAULT)
+    if not spec.has_own_faults:
         yield Cell(fault_label(scenario_data.get("fault", ())))
 
 
-def _case(spec: Spec, cell: Cell, scenario_data: ScenarioData, seed: int, digest: str) -> Case:
-    """A case: the scenario with the spec's tables merged in, the faults drawn by this seed, and its key."""
-    scenario_data = merged(scenario_data, spec.overlay)
-    if spec.campaign.duration_s is not None:
-        scenario_data = merged(scenario_data, {"scenario": {"duration_s": spec.campaign.duration_s}})
-    random = Random(f"{seed}/{cell.label}")  # noqa: S311 - a draw that anyone can repeat is what is wanted
+def _case(spec: Spec, cell: Cell, scenario_data: ScenarioData, seed: int, digest: str, base: RigNumbers | None) -> Case:
+    """A case: the scenario with the spec's tables merged in, faults and rig drawn by this seed, and its key."""
+    scenario_data = with_overlay(spec, scenario_data)
+    label, drawn = cell.label, {}
+    random = Random(f"{seed}/{label}")  # noqa: S311 - a draw that anyone can repeat is what is wanted
     if cell.row is not None:
         scenario_data = {**scenario_data, "fault": _grid_faults(cell, random)}
-    elif cell.label == PAIRS and spec.pairs is not None:
-        scenario_data = {**scenario_data, "fault": _pair_faults(spec, random)}
-    case = Case("", cell.label, str(scenario_data.get("scenario", {}).get("name", "")), seed, scenario_data)
+    elif label == PAIRS and spec.pairs is not None:
+        faults = _pool_faults(spec.pairs, 2, random)
+        scenario_data = {**scenario_data, "fault": faults}
+    elif label == ONE_FAULT and spec.one_fault is not None:
+        faults = _pool_faults(spec.one_fault, 1, random)
+        scenario_data, label = {**scenario_data, "fault": faults}, _class_of(faults)
+    if spec.draw is not None and base is not None:
+        rig = draw_rig(spec.draw, base, seed, float(scenario_data["scenario"]["duration_s"]))
+        scenario_data, drawn = merged(scenario_data, dict(rig.overlay)), dict(rig.values)
+    case = Case("", label, str(scenario_data.get("scenario", {}).get("name", "")), seed, scenario_data, drawn)
     return replace(case, key=_key(scenario_data, seed, digest))
+
+
+def _class_of(faults: Sequence[Fault]) -> str:
+    """Kind and target of a drawn fault; its size is another one in every case."""
+    return fault_label([{**fault, "value": None} for fault in faults])
 
 
 def _grid_faults(cell: Cell, random: Random) -> list[Fault]:
@@ -139,16 +170,14 @@ def _grid_faults(cell: Cell, random: Random) -> list[Fault]:
     return [{**_fault(row, target, cell.value, at_s, row.lasts_s), **ramp} for target in targets]
 
 
-def _pair_faults(spec: Spec, random: Random) -> list[Fault]:
-    pairs = spec.pairs
-    if pairs is None:
-        return []
+def _pool_faults(pool: Pairs | OneFault, count: int, random: Random) -> list[Fault]:
+    """Different faults of the pool, by time."""
     faults = []
-    for row in random.sample(pairs.pool, 2):
+    for row in random.sample(pool.pool, count):
         target = random.choice(row.targets)
         value = None if row.value_range is None else float(f"{random.uniform(*row.value_range):.4g}")
-        at_s = round(random.uniform(*pairs.onset_s), ONSET_DIGITS)
-        faults.append(_fault(row, target, value, at_s, pairs.lasts_s))
+        at_s = round(random.uniform(*pool.onset_s), ONSET_DIGITS)
+        faults.append(_fault(row, target, value, at_s, pool.lasts_s))
     return sorted(faults, key=lambda fault: float(fault["at_s"]))
 
 

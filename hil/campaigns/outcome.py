@@ -12,6 +12,7 @@ import numpy as np
 
 from hil.campaigns.cases import Case
 from hil.campaigns.observer import Observations, rate_broken
+from hil.campaigns.rig_draw import is_honest
 from hil.campaigns.row import CRASHED, Elapsed, Row
 from hil.core.types import UNRESOLVED
 from hil.edge.record.run_folder import Window
@@ -58,12 +59,15 @@ def evaluate(
     planned = injected(case.faults)
     faults = tuple(fault for fault in planned if fault.at_s < run_s)  # a run may end, by a trip, before its fault
     process = [fault for fault in faults if fault.is_of_the_process]
-    findings = merged(event.data for _, event in seen.events if event.code == "alarm")
+    reported = merged(event.data for _, event in seen.events if event.code == "alarm")
+    findings = tuple(finding for finding in reported if not _is_honest(case, finding, faults))
     verdict = judge(faults, findings)
     healthy_s = min([fault.at_s for fault in process] + [run_s])
     columns = {
         **_about(case, planned),
         **_diagnosis(process, verdict, findings, seen),
+        "alarms_json": _json([asdict(finding) for finding in reported]),
+        "honest_alarms": len(reported) - len(findings),
         **_errors(bench, seen, faults),
         **_safety(bench, seen, rest, faults),
         **_ending(seen, ending),
@@ -102,11 +106,21 @@ def _about(case: Case, faults: Sequence[Injected]) -> dict[str, Any]:
         "scenario": case.scenario,
         "seed": case.seed,
         "faults_json": _json(list(case.faults)),
+        "drawn_json": _json(dict(case.drawn)),
         "kind": "+".join(names),
         "target": "+".join(str(fault.target) for fault in faults),
         "value": values.pop() if len(values) == 1 else None,
         "onset_s": faults[0].at_s if faults else None,
     }
+
+
+def _is_honest(case: Case, finding: Finding, faults: Sequence[Injected]) -> bool:
+    """Whether an alarm says what a drawn pump really gives, and no fault of that pump is there to be found."""
+    is_faulty = any(
+        fault.target == finding.target and PUMP_LOSS in fault.kinds and fault.at_s <= (finding.detected_s or 0.0)
+        for fault in faults
+    )
+    return not is_faulty and is_honest(case.drawn, finding.kind, finding.target, finding.size)
 
 
 def _diagnosis(
@@ -121,7 +135,6 @@ def _diagnosis(
         "false_alarms": len(verdict.false),
         "spurious_alarms": len(verdict.spurious),
         "repeated_alarms": len(verdict.repeated),
-        "alarms_json": _json([asdict(finding) for finding in findings]),
         **dict.fromkeys(("detected", "detection_s", "isolation_s", "candidates_hold", "right")),
         **dict.fromkeys(("size_error_1s", "size_error_5s")),
     }

@@ -37,7 +37,9 @@ class Row:
     as they are, and nothing else. not_played : how many faults had not begun when the run ended; they are not judged,
     and where none was played, detected and what follows from it is None. size_error_* : of a pump's effectiveness, 1
     and 5 s after its isolation. declared : all that was named after the onset, each once.
-    repeated_alarms : later ones that name a growing or intermittent fault again.
+    repeated_alarms : later ones that name a growing or intermittent fault again. drawn_json : what [draw] drew.
+    honest_alarms : on a drawn rig that the rig file doesn't know, alarms that say what its pumps really give; they are
+    neither false nor spurious.
     healthy_h : hours before the first fault of the process. spilled_cm3 : what went over a rim.
     overflow to crashed : the invariants, true where broken; broken : in words. wall_s, cpu_s : elapsed time, and
     processor time, which other programs don't lengthen.
@@ -94,6 +96,8 @@ class Row:
     wall_s: float
     cpu_s: float
     repeated_alarms: int = 0
+    drawn_json: str = "{}"
+    honest_alarms: int = 0
 
     @property
     def breaks(self) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
+from hil.campaigns.draw_spec import Draw
 from hil.edge.config.settings_file import (
     CAMPAIGN_FILE,
     MAX_DURATION_S,
@@ -83,10 +84,16 @@ class Pairs(Timed):
     pool: Annotated[tuple[PoolRow, ...], Field(min_length=2)]
 
 
-class Spec(Section):
-    """A campaign. Without [[fault]] and [pairs] the scenarios' own faults are played, with them only these.
+class OneFault(Timed):
+    """One fault of the pool in every case; one case for each seed."""
 
-    emulator, rig, diagnosis, control : merged into the scenarios' tables of that name.
+    pool: Annotated[tuple[PoolRow, ...], Field(min_length=1)]
+
+
+class Spec(Section):
+    """A campaign. Without [[fault]], [pairs] and [one_fault] the scenarios' own faults are played, else only these.
+
+    emulator, rig, diagnosis, control : merged into the scenarios' tables of that name. draw : a rig for each seed.
     """
 
     FILE_KIND = CAMPAIGN_FILE
@@ -98,6 +105,13 @@ class Spec(Section):
     control: dict[str, Any] = Field(default_factory=dict)
     fault: tuple[FaultRow, ...] = ()
     pairs: Pairs | None = None
+    one_fault: OneFault | None = None
+    draw: Draw | None = None
+
+    @property
+    def has_own_faults(self) -> bool:
+        """Whether the campaign says which faults are played; otherwise its scenarios do."""
+        return bool(self.fault) or self.pairs is not None or self.one_fault is not None
 
     @property
     def overlay(self) -> dict[str, Any]:

@@ -10,21 +10,31 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from hil.bench.design_figures import LOSSES, DesignFigures, ProcessFigures, design_figures, process_figures
+from hil.bench.design_figures import (
+    LOSSES,
+    DesignFigures,
+    ProcessFigures,
+    design_figures,
+    process_figures,
+    stable_ones,
+)
 from hil.bench.designs import DESIGNS
 from hil.core.eigenstructure import ComplexArray, augment
 from hil.core.tanks import LinearModel
 from hil.edge.config.rig_file import load_rig
 from hil.edge.config.settings_file import SettingsError, default_config_dir
+from hil.edge.config.shipped import find_rig
 from hil.edge.record.run_folder import write_atomically
 
 
-def run(console: Console, config_dir: Path | None, out: Path | None) -> None:
+def run(console: Console, config_dir: Path | None, out: Path | None, rig_name: str | Path | None = None) -> None:
     """Print all designs of the table; write `step.svg` and `sigma.svg` into `out` if given. Raises SettingsError.
 
     A design that this rig can't have, or that does not load, is named with the reason; the others are shown.
+    rig_name : path or shipped name of a rig; None: the configuration's.
     """
-    rig_path = (config_dir or default_config_dir()) / "rig.toml"
+    default = (config_dir or default_config_dir()) / "rig.toml"
+    rig_path = default if rig_name is None else find_rig(rig_name, config_dir)
     rig = load_rig(rig_path)
     process = process_figures(rig)
     _show_process(console, process)
@@ -41,6 +51,8 @@ def run(console: Console, config_dir: Path | None, out: Path | None) -> None:
     if not designs:
         raise SettingsError(f"{rig_path}: none of the designs {', '.join(DESIGNS.names)} can be had on this rig")
     _show_robustness(console, designs)
+    if len(designs) < len(DESIGNS.names):
+        console.print(stable_ones(rig, str(rig_path)), highlight=False, markup=False)
     if out is not None:
         try:
             out.mkdir(parents=True, exist_ok=True)

@@ -19,6 +19,7 @@ from hil.edge.can import adapters
 from hil.edge.can.bus import BusAddress, BusError, BusPort
 from hil.edge.config.rig_file import Rig, load_rig
 from hil.edge.config.settings_file import default_config_dir
+from hil.edge.config.shipped import find_rig
 from hil.edge.host import host_facts
 from hil.edge.host.clock import MonotonicClock, StopSignal
 from hil.probe.bus_probe import Probe
@@ -49,6 +50,7 @@ class DoctorOptions:
     seconds: float = 5.0
     with_pumps: bool = False
     config_dir: Path | None = None
+    rig: str | Path | None = None
     runs: Path = Path("runs")
 
 
@@ -72,7 +74,7 @@ def run(console: Console, options: DoctorOptions, read_link: LinkReader = kernel
 def bench(options: DoctorOptions) -> tuple[Rig, Contract, BusAddress]:
     """Rig, contract and bus address; raises SettingsError, and BusError for an unknown interface."""
     config_dir = options.config_dir or default_config_dir()
-    rig = load_rig(config_dir / "rig.toml")
+    rig = load_rig(config_dir / "rig.toml" if options.rig is None else find_rig(options.rig, options.config_dir))
     contract = assembly.load_contract(config_dir / "bench.dbc")
     bus = rig.bus
     address = BusAddress(

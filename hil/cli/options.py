@@ -33,6 +33,23 @@ ConfigDir = Annotated[
     Optional[Path],
     typer.Option("--config", metavar="DIR", help="Folder with rig.toml, emulator.toml and bench.dbc."),
 ]
+RigFile = Annotated[
+    Optional[str],
+    typer.Option(
+        "--rig",
+        metavar="RIG",
+        help="A rig file, or the name of a shipped one, such as johansson_minus. Default: rig.toml of --config.",
+    ),
+]
+EmulatedRigFile = Annotated[
+    Optional[str],
+    typer.Option(
+        "--rig",
+        metavar="RIG",
+        help="A rig file, or the name of a shipped one, for controller and emulator. "
+        "Default: rig.toml and emulator.toml of --config.",
+    ),
+]
 OutDir = Annotated[
     Optional[Path],
     typer.Option("--out", metavar="DIR", help="The run folder to write; must not exist. Default: runs/<time>_<name>."),

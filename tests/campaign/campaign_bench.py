@@ -6,10 +6,11 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from hil.campaigns.cases import Case, expand
+from hil.bench.campaign_case import rig_numbers
+from hil.campaigns.cases import Case, expand, with_overlay
 from hil.campaigns.outcome import crash
 from hil.campaigns.row import Elapsed, Row
-from hil.campaigns.spec import load_spec
+from hil.campaigns.spec import Spec, load_spec
 from hil.edge.config.settings_file import read_toml
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -84,8 +85,15 @@ def campaign_file(folder: Path, text: str = GRID) -> Path:
 
 
 def cases_of(file: Path, digest: str = "") -> tuple[Case, ...]:
-    spec, scenarios = load_spec(file)
-    return expand(spec, [read_toml(path) for path in scenarios], digest)
+    spec, files = load_spec(file)
+    scenarios = [read_toml(path) for path in files]
+    rigs = [] if spec.draw is None else [rig_numbers(undrawn(spec, data), CONFIG, str(file)) for data in scenarios]
+    return expand(spec, scenarios, digest, rigs)
+
+
+def undrawn(spec: Spec, scenario_data: dict[str, Any]) -> Case:
+    """A case of the spec without what it draws."""
+    return Case("", "", "", 0, with_overlay(spec, scenario_data))
 
 
 def first_case(file: Path) -> Case:

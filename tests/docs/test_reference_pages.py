@@ -24,7 +24,13 @@ from tools.reference.ranges import range_of
 from tools.reference.settings import FILES, SettingsFile, keys_of_file, range_of_key
 from tools.reference.units import unit_of
 
-FREE_NUMBERS = {"reference[].change_V", "fault[].value", "fault[].values", "pairs.pool[].value_range"}
+FREE_NUMBERS = {
+    "reference[].change_V",
+    "fault[].value",
+    "fault[].values",
+    "pairs.pool[].value_range",
+    "one_fault.pool[].value_range",
+}
 """Keys whose range depends on something else: the process, or the kind of the fault."""
 
 

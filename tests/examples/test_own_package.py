@@ -138,6 +138,8 @@ def test_the_wheel_knows_its_scenarios_by_name(wheel: Path, tmp_path: Path) -> N
     assert done.stderr.startswith("hil: WARNING: the run ends at 5 s, before these faults begin: ")
     assert done.stderr.count("\n") == 1
     assert (tmp_path / "run" / "kpi.json").is_file()
+    rig = run(tmp_path, wheel, "-m", "hil", "design", "--rig", "johansson_minus")
+    assert (rig.returncode, rig.stderr) == (0, "")
     version = run(tmp_path, wheel, "-m", "hil", "--version")
     assert version.stdout.startswith("hil ")
     unknown = run(tmp_path, wheel, "-m", "hil", "simulate", "papier")

@@ -8,7 +8,7 @@ from typing import Annotated, Optional
 import typer
 from rich.console import Console
 
-from hil.cli.options import ConfigDir, Duration, ReportChoice
+from hil.cli.options import ConfigDir, Duration, EmulatedRigFile, ReportChoice
 
 EXAMPLE = "hil campaign pump_losses --seeds 20 --out runs/losses"
 
@@ -31,6 +31,7 @@ def campaign(
         typer.Option("--out", metavar="DIR", help="The campaign's folder; runs that are in it are not repeated."),
     ] = None,
     duration: Duration = None,
+    rig: EmulatedRigFile = None,
     config: ConfigDir = None,
     processes: Annotated[
         Optional[int], typer.Option(min=1, help="Runs beside each other. Default: one for each core; 1 needs no Dask.")
@@ -48,5 +49,5 @@ def campaign(
     from hil.bench.campaign_run import CampaignOptions
     from hil.cli import campaign_command as campaigns
 
-    options = CampaignOptions(out, config, seeds, first_seed, duration or None, processes, scheduler, report)
+    options = CampaignOptions(out, config, rig, seeds, first_seed, duration or None, processes, scheduler, report)
     raise typer.Exit(campaigns.run(Console(), spec, options))

@@ -8,12 +8,13 @@ from typing import Annotated, Optional
 import typer
 from rich.console import Console
 
-from hil.cli.options import ConfigDir
+from hil.cli.options import ConfigDir, RigFile
 
 EXAMPLE = "hil design --out figures"
 
 
 def design(
+    rig: RigFile = None,
     config: ConfigDir = None,
     out: Annotated[
         Optional[Path],
@@ -23,4 +24,4 @@ def design(
     """Show every design on the rig: gains, poles, zeros, RGA, noise gain, and poles after the loss of a pump."""
     from hil.cli import design_command as designs
 
-    designs.run(Console(), config, out)
+    designs.run(Console(), config, out, rig)

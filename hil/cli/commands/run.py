@@ -19,6 +19,7 @@ from hil.cli.options import (
     OutDir,
     ReportChoice,
     RerunChoice,
+    RigFile,
     ScenarioFile,
 )
 
@@ -35,6 +36,7 @@ def run(
     clear_trip: Annotated[
         bool, typer.Option("--clear-trip", help="First clear a trip that the pump node still has from an earlier run.")
     ] = False,
+    rig: RigFile = None,
     config: ConfigDir = None,
     rerun: RerunChoice = True,
     report: ReportChoice = True,
@@ -57,7 +59,7 @@ def run(
     from hil.cli import run_display
     from hil.edge.can.bus import BusAddress
 
-    bench = assembly.load(scenario, config)
+    bench = assembly.load(scenario, config, rig=rig)
     bus = bench.rig.bus
     address = BusAddress(interface or bus.interface, channel or bus.channel, bitrate or bus.bitrate)
     folder = out or run_options.default_folder(bench.scenario.scenario.name, datetime.now())

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from hil.cli import exit_codes
 from hil.cli.complaint import interruptible, warn
-from hil.cli.options import ConfigDir, Duration, OutDir, ReportChoice, RerunChoice, ScenarioFile
+from hil.cli.options import ConfigDir, Duration, EmulatedRigFile, OutDir, ReportChoice, RerunChoice, ScenarioFile
 
 EXAMPLE = "hil simulate paper --seed 3 --out runs/first"
 
@@ -20,6 +20,7 @@ def simulate(
     out: OutDir = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the emulator's noise and parameter spread.")] = 1,
     duration: Duration = None,
+    rig: EmulatedRigFile = None,
     config: ConfigDir = None,
     rerun: RerunChoice = True,
     report: ReportChoice = True,
@@ -28,7 +29,7 @@ def simulate(
     from hil.bench import assembly, late_faults, lockstep_run, run_options
     from hil.cli import run_display
 
-    bench = assembly.load(scenario, config)
+    bench = assembly.load(scenario, config, rig=rig)
     warn(late_faults.late_faults(bench.scenario, duration))
     folder = out or run_options.default_folder(bench.scenario.scenario.name, datetime.now())
     options = run_options.RunOptions(folder, seed, duration, rerun)

@@ -38,7 +38,7 @@ USED_BY = {
     CAMPAIGN_FILE: "run it with `hil campaign FILE`",
     SCENARIO_FILE: "run it with `hil simulate FILE` or `hil run FILE`",
     EMULATOR_FILE: "it is used as emulator.toml in the folder that --config names",
-    RIG_FILE: "it is used as rig.toml in the folder that --config names",
+    RIG_FILE: "it is used with --rig, or as rig.toml in the folder that --config names",
 }
 
 MAX_DURATION_S = 1e7

@@ -1,4 +1,4 @@
-"""Scenarios and campaigns that come with the package, by name: `paper` stands for `config/scenarios/paper.toml`.
+"""Scenarios, campaigns and rigs that come with the package, by name: `paper` stands for `config/scenarios/paper.toml`.
 
 A path that exists is always taken as it is. A bare name (no slash; `.toml` may be left out) that is no path is looked
 up in the configuration folder in use, then in the one that is shipped.
@@ -10,7 +10,7 @@ from pathlib import Path
 
 from hil.edge.config.settings_file import SettingsError, default_config_dir
 
-SCENARIOS, CAMPAIGNS = "scenarios", "campaigns"
+SCENARIOS, CAMPAIGNS, RIGS = "scenarios", "campaigns", "rigs"
 
 
 def find_scenario(scenario: str | Path, config_dir: Path | None = None) -> Path:
@@ -27,6 +27,14 @@ def find_campaign(campaign: str | Path, config_dir: Path | None = None) -> Path:
     Raises SettingsError that lists the shipped names when there is neither.
     """
     return _find(campaign, CAMPAIGNS, config_dir, SCENARIOS)
+
+
+def find_rig(rig: str | Path, config_dir: Path | None = None) -> Path:
+    """The file of a rig given by path or by shipped name.
+
+    Raises SettingsError that lists the shipped names when there is neither.
+    """
+    return _find(rig, RIGS, config_dir)
 
 
 def shipped_names(kind: str, config_dir: Path | None = None) -> tuple[str, ...]:

@@ -1,0 +1,90 @@
+"""`--rig` of every command: a rig by name or file for the controller, and for the emulator where there is one."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+import hil
+from hil.bench.emulator_twin import emulator_of
+from hil.edge.config.shipped import RIGS, shipped_names
+from tests.cli.cli_bench import CONFIG, CommandLine, assert_refused, scenario_text
+
+SHIPPED = ("johansson_minus", "johansson_plus")
+
+
+def rig_file(folder: Path) -> Path:
+    """A rig with weaker pumps: 3 V hold lower levels."""
+    text = (CONFIG / "rig.toml").read_text()
+    file = folder / "weak.toml"
+    file.write_text(text.replace("gain_cm3_Vs = [3.33, 3.35]", "gain_cm3_Vs = [3.0, 3.1]"))
+    return file
+
+
+def test_the_shipped_rigs_are_found_by_name() -> None:
+    assert shipped_names(RIGS) == SHIPPED
+
+
+def test_the_emulator_is_the_rig_and_begins_at_its_operating_point(tmp_path: Path) -> None:
+    """A rig given to `hil.load` used to be known to the controller only; the emulator stayed the shipped one."""
+    bench = hil.load("rest", rig=rig_file(tmp_path))
+    emulator = emulator_of(bench, 1)
+    assert emulator.parameters.pumps.gain_cm3_Vs == (3.0, 3.1)
+    result = hil.simulate(bench, duration_s=3.0)
+    assert result.series["true_h1_cm"][-1] == pytest.approx(result.series["h1_V"][-1] / 0.5, abs=0.05)
+    assert abs(result.series["r1_V"][0] - 0.5 * result.series["true_h1_cm"][0]) < 0.01
+
+
+def test_a_run_folder_keeps_the_rig(command_line: CommandLine, tmp_path: Path) -> None:
+    rig = rig_file(tmp_path)
+    command = ("hil", "simulate", "rest", "--rig", rig, "--duration", "2", "--no-rerun", "--no-report")
+    assert command_line(*command, "--out", tmp_path / "run").code == 0
+    (kept,) = (tmp_path / "run").rglob("rig.toml")
+    assert kept.read_text() == rig.read_text()
+    settings = json.loads((tmp_path / "run" / "run.json").read_text())["settings"]
+    assert settings["rig"]["pumps"]["gain_cm3_Vs"] == [3.0, 3.1]
+    assert command_line("hil", "report", tmp_path / "run").code == 0
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("hil", "design"),
+        ("hil", "simulate", "rest"),
+        ("hil", "run", "rest"),
+        ("hil", "doctor"),
+        ("hil", "campaign", "rest"),
+        ("firmware-sim", "--pty"),
+    ],
+    ids=lambda command: " ".join(command),
+)
+def test_an_unknown_rig_is_refused_with_the_names_that_there_are(
+    command: tuple[str, ...], command_line: CommandLine
+) -> None:
+    result = command_line(*command, "--rig", "johanson")
+    assert_refused(result, "johanson: no such file, and no shipped name; shipped rigs: " + ", ".join(SHIPPED))
+
+
+def test_a_rig_without_a_design_says_so_and_nothing_is_run(command_line: CommandLine, tmp_path: Path) -> None:
+    shown = command_line("hil", "design", "--rig", "johansson_plus")
+    text = " ".join(shown.out.split())
+    assert shown.code == 0
+    assert "transmission zero at +0.01276" in text
+    assert "this rig needs another design, which comes later" in text
+    assert "none of the designs rig, calibrated is stable on this rig" in text
+    refused = command_line("hil", "simulate", "steps", "--rig", "johansson_plus", "--out", tmp_path / "run")
+    assert_refused(refused, "johansson_plus.toml", "which comes later", "none of the designs rig, calibrated is stable")
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_campaign_runs_on_the_rig(command_line: CommandLine, tmp_path: Path) -> None:
+    scenario = tmp_path / "own.toml"
+    scenario.write_text(scenario_text(duration="2.0"))
+    rig = rig_file(tmp_path)
+    options = ("--seeds", "1", "--processes", "1", "--no-report")
+    for name, more in (("own", ()), ("weak", ("--rig", rig))):
+        assert command_line("hil", "campaign", scenario, *options, *more, "--out", tmp_path / name).code == 0
+    rows = [json.loads((tmp_path / name / "outcomes.jsonl").read_text()) for name in ("own", "weak")]
+    assert rows[0]["key"] != rows[1]["key"], "another rig is another case"
+    assert rows[1]["level_max_cm"] < rows[0]["level_max_cm"] - 1.0
+    assert rows[1]["false_alarms"] == 0
