@@ -13,6 +13,7 @@ from hil.bench.design_figures import stable_ones
 from hil.bench.designs import DESIGNS
 from hil.bench.detectors import DETECTORS
 from hil.bench.dry_step import FAILURES, DryStepError, try_out
+from hil.core.active_isolation import ProbeConfig
 from hil.core.closed_loop import LoopConfig
 from hil.core.controller import ControllerConfig, Output
 from hil.core.diagnosis.detector import FaultDetector
@@ -24,7 +25,7 @@ from hil.core.reconfiguration import Reconfiguration
 from hil.core.tanks import equilibrium
 from hil.core.types import Action, Inputs, Mode, Pair, Quad, Request, TripCause
 from hil.edge.config.rig_file import Rig, load_rig
-from hil.edge.config.scenario_file import OperatorRequest, Scenario, load_scenario
+from hil.edge.config.scenario_file import DiagnosisChoice, OperatorRequest, Scenario, load_scenario
 from hil.edge.config.settings_file import SettingsError, default_config_dir, read_text
 from hil.edge.config.shipped import find_rig, find_scenario
 from hil.edge.record.run_folder import RunPlan, Window
@@ -160,6 +161,7 @@ def controller_config(bench: Bench, duration_s: float | None = None) -> Controll
         _limits(rig),
         scenario.scenario.duration_s if duration_s is None else duration_s,
         tuple((request.at_s, _request(request)) for request in scenario.request),
+        _probe(scenario.diagnosis),
     )
 
 
@@ -288,6 +290,16 @@ def _limits(rig: Rig) -> Limits:
         stops_on_dead_pump=safety.dead_pump == "stop",
         stops_on_lost_lower_level=safety.lost_lower_level == "stop",
         bypass_max_s=safety.bypass_max_s,
+    )
+
+
+def _probe(choice: DiagnosisChoice) -> ProbeConfig:
+    return ProbeConfig(
+        is_allowed=choice.probe,
+        voltage_V=choice.probe_V,
+        half_s=choice.probe_s,
+        after_s=choice.probe_after_s,
+        again_s=choice.probe_again_s,
     )
 
 

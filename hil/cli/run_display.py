@@ -114,6 +114,8 @@ def status_table(inputs: Inputs, output: Output, mode: Mode) -> Table:
         table.add_row("reference [V]", *(f"{r:.3f}" for r in record.reference_V))
         table.add_row("effectiveness", *(f"{e:.2f}" for e in record.effectiveness))
         table.add_row("IAE so far [V s]", *(f"{i:.3f}" for i in record.iae_Vs))
+        if record.probe_V != (0.0, 0.0):
+            table.add_row("of it a probe [V]", *(f"{v:+.3f}" for v in record.probe_V))
     table.add_row("command [V]", *(f"{v:.3f}" for v in output.command.voltage_V))
     table.add_row("applied [V]", *(f"{v:.3f}" for v in inputs.pumps.applied_V))
     bus = inputs.bus

@@ -10,6 +10,7 @@ from math import inf
 from typing import Any
 
 from hil.core import estimator, state_feedback
+from hil.core.active_isolation import IDLE, Probe
 from hil.core.diagnosis.detector import FaultDetector
 from hil.core.estimator import Estimate, LevelFilter
 from hil.core.reconfiguration import Reconfiguration
@@ -64,8 +65,9 @@ class LoopState:
 
     law_for : the reference, effectiveness and valve splits that the law was computed for. changed_s : run time of the
     last change of effectiveness that changed the law. refined_until_s : run time until which refinements of it are
-    followed. level_cm : (4,) the levels fed back. raw_V : (2,) what the law asks for at this step. split_s : run time
-    of the last change of the splits. unstable_since_s : since when no law is stable, inf if one is.
+    followed. level_cm : (4,) the levels fed back, less a probe's movement. raw_V : (2,) what law and probe ask for at
+    this step. split_s : run time of the last change of the splits. unstable_since_s : since when no law is stable, inf
+    if one is.
     """
 
     started_ns: int
@@ -120,15 +122,17 @@ def begin(config: LoopConfig, inputs: Inputs, now_ns: int) -> LoopState:
     )
 
 
-def step(config: LoopConfig, state: LoopState, inputs: Inputs, now_ns: int) -> tuple[LoopState, tuple[Event, ...]]:
-    """One step up to the voltages that the law asks for (`raw_V`)."""
+def step(
+    config: LoopConfig, state: LoopState, inputs: Inputs, now_ns: int, probe: Probe = IDLE
+) -> tuple[LoopState, tuple[Event, ...]]:
+    """One step up to the voltages that the law asks for (`raw_V`), the offset of a probe included."""
     t_s = (now_ns - state.started_ns) * 1e-9
     period_s = (now_ns - state.stepped_ns) * 1e-9
     estimate, memory, diagnosis = _observe(config, state, inputs, t_s, period_s)
     reference = _reference_at(config, t_s)
     law, law_for, integral = state.law, state.law_for, state.integral_Vs
     changed_s, refined_until_s = state.changed_s, state.refined_until_s
-    level_cm = _feedback_level_cm(config, inputs.measurement, diagnosis, estimate)
+    level_cm = _feedback_level_cm(config, inputs.measurement, diagnosis, estimate, probe)
     effectiveness = law_for[1]
     if config.reconfigure and diagnosis.effectiveness != effectiveness:
         change = _change(effectiveness, diagnosis.effectiveness)
@@ -145,7 +149,7 @@ def step(config: LoopConfig, state: LoopState, inputs: Inputs, now_ns: int) -> t
         effective = state_feedback.effective_voltage(law, integral, level_cm)
         law, law_for = config.reconfiguration.law(*requested), requested
         integral = state_feedback.bumpless_integral(law, level_cm, effective)
-    raw = state_feedback.pump_voltage(law, state_feedback.effective_voltage(law, integral, level_cm))
+    v1, v2 = state_feedback.pump_voltage(law, state_feedback.effective_voltage(law, integral, level_cm))
     new = LoopState(
         started_ns=state.started_ns,
         stepped_ns=now_ns,
@@ -157,7 +161,7 @@ def step(config: LoopConfig, state: LoopState, inputs: Inputs, now_ns: int) -> t
         memory=memory,
         diagnosis=diagnosis,
         iae_Vs=_iae(state, estimate, period_s),
-        raw_V=raw,
+        raw_V=(v1 + probe.offset_V[0], v2 + probe.offset_V[1]),
         level_cm=level_cm,
         changed_s=changed_s,
         refined_until_s=refined_until_s,
@@ -224,7 +228,21 @@ def _trusted(measurement: Measurement, trusted: tuple[bool, bool, bool, bool]) -
     return replace(measurement, valid=(v1, v2, v3, v4))
 
 
-def _feedback_level_cm(config: LoopConfig, measurement: Measurement, diagnosis: Diagnosis, estimate: Estimate) -> Quad:
+def _feedback_level_cm(
+    config: LoopConfig, measurement: Measurement, diagnosis: Diagnosis, estimate: Estimate, probe: Probe
+) -> Quad:
+    """Readings in cm, (4,), less the movement that a probe is expected to cause.
+
+    The estimate where a sensor is not trusted or its reading not valid.
+    """
+    level_cm = _level_in_use_cm(config, measurement, diagnosis, estimate)
+    if probe.linear is None:
+        return level_cm
+    h1, h2, h3, h4 = (h - moved for h, moved in zip(level_cm, probe.deviation_cm, strict=True))
+    return h1, h2, h3, h4
+
+
+def _level_in_use_cm(config: LoopConfig, measurement: Measurement, diagnosis: Diagnosis, estimate: Estimate) -> Quad:
     """Readings in cm, (4,); the estimate where a sensor is not trusted or its reading not valid."""
     k = config.level_filter.model.level_gain_V_cm
     y1, y2, y3, y4 = measurement.level_V

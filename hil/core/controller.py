@@ -8,9 +8,10 @@ docs/decisions/0011-interlocks.md.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from math import isfinite
+from math import inf, isfinite
 
-from hil.core import closed_loop, state_feedback, supervisor
+from hil.core import active_isolation, closed_loop, state_feedback, supervisor
+from hil.core.active_isolation import IDLE, NO_PROBE, Occasion, Probe, ProbeConfig
 from hil.core.closed_loop import TIME_TOLERANCE_S, LoopConfig, LoopState
 from hil.core.dry_watch import DryWatch, watch_dry
 from hil.core.inflow_watch import InflowWatch, watch_inflow
@@ -38,13 +39,14 @@ from hil.core.types import (
 class ControllerConfig:
     """The loop, its limits, the duration of the run (inf: no end), and the scheduled operator requests.
 
-    requests : (at_s, request), ascending in run time.
+    requests : (at_s, request), ascending in run time. probe : see `active_isolation`.
     """
 
     loop: LoopConfig
     limits: Limits
     duration_s: float
     requests: tuple[tuple[float, Request], ...] = ()
+    probe: ProbeConfig = NO_PROBE
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,11 +65,12 @@ class Monitors:
 
 @dataclass(frozen=True, slots=True)
 class ControllerState:
-    """State of the supervisor; of the loop and the monitors, from the first step in control on."""
+    """State of the supervisor; of the loop, the monitors and the probe, from the first step in control on."""
 
     supervision: Supervision = field(default_factory=Supervision)
     loop: LoopState | None = None
     monitors: Monitors = field(default_factory=Monitors)
+    probe: Probe = IDLE
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +86,8 @@ def step(
     config: ControllerConfig, state: ControllerState, inputs: Inputs, now_ns: int
 ) -> tuple[ControllerState, Output]:
     """One step at now_ns (monotonic). The command is always safe. The caller answers an exception with `fail`."""
-    loop, monitors = state.loop, state.monitors
+    loop, monitors, probe = state.loop, state.monitors, state.probe
+    probe_events: tuple[Event, ...] = ()
     if loop is None:
         supervision, events = supervisor.next_mode(config.limits, state.supervision, inputs, now_ns)
         if not supervision.mode.is_controlling:
@@ -92,16 +96,18 @@ def step(
         loop, loop_events = closed_loop.step(config.loop, loop, inputs, now_ns)
     else:
         inputs = _with_schedule(config, loop, inputs, now_ns)
-        loop, loop_events = closed_loop.step(config.loop, loop, inputs, now_ns)
+        period_s = (now_ns - loop.stepped_ns) * 1e-9
+        loop, loop_events = closed_loop.step(config.loop, loop, inputs, now_ns, probe)
         monitors, belief = _observe(config, monitors, loop, inputs.measurement, now_ns)
         supervision, events = supervisor.next_mode(config.limits, state.supervision, inputs, now_ns, belief)
-    events += loop_events
+        probe, probe_events = _probe(config, probe, loop, supervision.mode, inputs, belief, period_s)
+    events += loop_events + probe_events
     supervision, command = supervisor.safe_command(config.limits, supervision, loop.raw_V, config.loop.period_s)
-    record = _record(loop, supervision.mode, inputs, command.voltage_V, events)
+    record = _record(loop, supervision.mode, inputs, command.voltage_V, events, state.probe.offset_V)
     integral = _next_integral(config, loop, supervision.mode, inputs, command.voltage_V)
     if integral != loop.integral_Vs:
         loop = replace(loop, integral_Vs=integral)
-    new = ControllerState(supervision=supervision, loop=loop, monitors=monitors)
+    new = ControllerState(supervision=supervision, loop=loop, monitors=monitors, probe=probe)
     return new, Output(command=command, events=events, record=record)
 
 
@@ -153,6 +159,31 @@ def _observe(
     return Monitors(outlets=outlets, live_outlets=live_outlets, live=live, inflow=inflow, dry=dry), belief
 
 
+def _probe(
+    config: ControllerConfig,
+    probe: Probe,
+    loop: LoopState,
+    mode: Mode,
+    inputs: Inputs,
+    belief: Belief,
+    period_s: float,
+) -> tuple[Probe, tuple[Event, ...]]:
+    """One step of the probe, with what it needs to know."""
+    t_s = _run_time_s(loop, loop.stepped_ns)
+    past = [at_s for at_s, _ in config.loop.references[1:] if at_s <= t_s + TIME_TOLERANCE_S]
+    coming = [at_s for at_s, _ in config.loop.references if at_s > t_s + TIME_TOLERANCE_S]
+    at = Occasion(
+        mode=mode,
+        inputs=inputs,
+        belief=belief,
+        raw_V=loop.raw_V,
+        reference_s=max(past, default=-inf),
+        next_reference_s=min(coming, default=inf),
+        end_s=config.duration_s,
+    )
+    return active_isolation.step(config.probe, config.limits, probe, at, t_s, period_s)
+
+
 def _effective(diagnosis: Diagnosis, pump_V: Pair) -> Pair:
     (theta1, theta2), (v1, v2) = diagnosis.effectiveness, pump_V
     return theta1 * v1, theta2 * v2
@@ -200,7 +231,9 @@ def _next_integral(config: ControllerConfig, loop: LoopState, mode: Mode, inputs
     return (0.0, 0.0) if mode in (Mode.DISARMED, Mode.READY) else loop.integral_Vs
 
 
-def _record(loop: LoopState, mode: Mode, inputs: Inputs, command_V: Pair, events: tuple[Event, ...]) -> TickRecord:
+def _record(
+    loop: LoopState, mode: Mode, inputs: Inputs, command_V: Pair, events: tuple[Event, ...], probe_V: Pair
+) -> TickRecord:
     law = loop.law
     return TickRecord(
         t_s=(loop.stepped_ns - loop.started_ns) * 1e-9,
@@ -226,4 +259,5 @@ def _record(loop: LoopState, mode: Mode, inputs: Inputs, command_V: Pair, events
         events=events,
         monotonic_ns=loop.stepped_ns,
         level_walk_cm_sqrt_s=loop.diagnosis.level_walk_cm_sqrt_s,
+        probe_V=probe_V,
     )

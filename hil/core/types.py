@@ -247,6 +247,17 @@ UNRESOLVED = "unresolved"
 
 
 @dataclass(frozen=True, slots=True)
+class OpenQuestion:
+    """An alarm that can't be resolved at rest: the level of a lower tank changes, or its sensor drifts.
+
+    alarm : its number. tank : 1 or 2. A movement of the pumps or of the reference helps to answer it.
+    """
+
+    alarm: int
+    tank: int
+
+
+@dataclass(frozen=True, slots=True)
 class Diagnosis:
     """The current result of the diagnosis.
 
@@ -262,6 +273,7 @@ class Diagnosis:
     valve_split : (2,) splits of the valves if one has shifted; None if they are the rig file's.
     level_walk_cm_sqrt_s : (4,) standard deviation of the levels' random walk after a second, cm, as learned; NaN where
     nothing is learned.
+    open_question : what a movement of the pumps would answer; None if nothing.
     """
 
     effectiveness: Pair = (1.0, 1.0)
@@ -275,6 +287,7 @@ class Diagnosis:
     refuted: tuple[bool, bool, bool, bool] = (False, False, False, False)
     valve_split: Pair | None = None
     level_walk_cm_sqrt_s: Quad = (nan, nan, nan, nan)
+    open_question: OpenQuestion | None = None
 
     @property
     def has_fault(self) -> bool:
@@ -312,3 +325,4 @@ class TickRecord:
     events: tuple[Event, ...] = ()
     monotonic_ns: int = 0
     level_walk_cm_sqrt_s: Quad = (nan, nan, nan, nan)  # as diagnosis has learned it
+    probe_V: Pair = (0.0, 0.0)  # part of raw_V: the movement that tells faults apart

@@ -29,6 +29,7 @@ PLOTS: dict[str, Plot] = {
     "control/gain_pump2": Plot("Gains of pump 2 [V/cm, 1/s]"),
     "control/integral": Plot("Integrals [V s]"),
     "control/iae": Plot("IAE so far [V s]"),
+    "control/probe": Plot("Probe: part of the pump voltages [V]"),
     "bench/process_noise": Plot("Process noise, learned [cm/√s]"),
     "bench/age": Plot("Age of frames [s]"),
     "bench/lateness": Plot("Lateness [s]"),

@@ -141,11 +141,24 @@ ChoiceName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 """A name in a table of the bench (`hil.bench.designs`, `hil.bench.detectors`), which checks it on loading."""
 
 
+def _within(low: float, high: float) -> Any:
+    return Field(ge=low, le=high, allow_inf_nan=False)
+
+
 class DiagnosisChoice(Section):
-    """Which fault detector. method : by name, see `hil.bench.detectors`. delay_s : of the detector `ideal`."""
+    """Which fault detector, and whether it may move the pumps to tell faults apart.
+
+    method : by name, see `hil.bench.detectors`. delay_s : of the detector `ideal`. probe, probe_V, probe_s,
+    probe_after_s, probe_again_s : see `hil.core.active_isolation`.
+    """
 
     method: ChoiceName = "glr"
     delay_s: NotNegative = 1.0
+    probe: bool = True
+    probe_V: Annotated[float, _within(0.05, 1.0)] = 0.3
+    probe_s: Annotated[float, _within(5.0, 120.0)] = 30.0
+    probe_after_s: Annotated[float, _within(1.0, 600.0)] = 10.0
+    probe_again_s: Annotated[float, _within(60.0, 86400.0)] = 300.0
 
 
 class ControlChoice(Section):

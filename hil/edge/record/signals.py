@@ -162,6 +162,14 @@ SIGNALS: tuple[Signal, ...] = (
     ),
     *(
         Signal(
+            f"probe{i + 1}_V", "V", f"part of the requested voltage of pump {i + 1} that is a probe: a small movement "
+            "that tells faults apart", _item(lambda record: record.probe_V, i),
+            Curve("control/probe", f"pump {i + 1} probe", PUMP_COLORS[i]),
+        )
+        for i in PUMPS
+    ),
+    *(
+        Signal(
             f"v{i + 1}_V", "V", f"command to pump {i + 1}: what the supervisor allows",
             _item(lambda record: record.command_V, i), _pump_curve(i, "command", PUMP_COLORS[i], layer=1),
         )

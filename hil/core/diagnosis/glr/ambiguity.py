@@ -10,6 +10,10 @@ from __future__ import annotations
 from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, H
 from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
 from hil.core.diagnosis.glr.model import BIAS, DRIFT, OUTLET
+from hil.core.types import OpenQuestion
+
+LOWER = 2
+"""Tanks 1 and 2 are the lower ones."""
 
 NO_EVIDENCE = -1e300
 """Evidence of an impossible hypothesis; finite, so that differences are."""
@@ -38,6 +42,25 @@ def is_drift_or_level(config: DetectorConfig, m: Memory, number: int, *, is_late
     lead = float(r.evidence[number] - r.evidence[drift])
     grows = r.target[number] == JUMPS[number].state
     return lead < GROWTH_MARGIN * tuning.drift_margin if grows else is_late and lead < tuning.margin
+
+
+def open_question(m: Memory) -> OpenQuestion | None:
+    """Whether it is open if a lower tank's level changes or its sensor drifts, and of which tank.
+
+    It is while an alarm is unresolved and one of the two is the likeliest, and while a declared drift is reviewed.
+    """
+    if m.suspicion is None:
+        if m.rival is None or m.rival.sensor >= LOWER or m.rival.suspicion.number is None:
+            return None
+        return OpenQuestion(alarm=m.rival.suspicion.number, tank=m.rival.sensor + 1)
+    number, leader = m.suspicion.number, m.suspicion.leader
+    if number is None or leader is None or leader == BOTH:
+        return None
+    state = JUMPS[leader].state
+    for first in (OUTLET, DRIFT):
+        if first <= state < first + LOWER:
+            return OpenQuestion(alarm=number, tank=state - first + 1)
+    return None
 
 
 def best_small(m: Memory) -> float:

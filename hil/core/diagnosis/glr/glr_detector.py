@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from hil.core.diagnosis.glr import declaration, drift_review, isolation, kernels, sensor_monitor, stuck_check
+from hil.core.diagnosis.glr import ambiguity, declaration, drift_review, isolation, kernels, sensor_monitor, stuck_check
 from hil.core.diagnosis.glr.filter import DOUBT, PERIOD
 from hil.core.diagnosis.glr.hypotheses import PUMPS
 from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
@@ -178,6 +178,7 @@ class GlrDetector:
                 level_V=level_V,
                 is_diverged=self._is_diverged(m, h1),
                 level_walk_cm_sqrt_s=(w1, w2, w3, w4),
+                open_question=ambiguity.open_question(m),
             )
         stuck = [j in m.declared and m.declared[j].kind == "pump_stuck_on" for j in PUMPS]
         distrusted = [m.distrusted(i) for i in range(4)]
@@ -194,6 +195,7 @@ class GlrDetector:
             refuted=(refuted[0], refuted[1], refuted[2], refuted[3]),
             valve_split=declaration.valve_split(self.config, m),
             level_walk_cm_sqrt_s=(w1, w2, w3, w4),
+            open_question=ambiguity.open_question(m),
         )
 
     def _is_diverged(self, m: Memory, level_cm: float) -> bool:

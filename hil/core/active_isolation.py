@@ -1,0 +1,287 @@
+"""Active isolation: a small movement of both pumps that tells apart what looks the same at rest.
+
+At rest, under integral action, a slow leak or blockage of a lower tank and a slow drift of its sensor give the same
+readings and the same voltages. Their time constants differ, T = A/a sqrt(2 h/g), because a drift hides another level.
+So while the diagnosis asks which of the two it is (`Diagnosis.open_question`), both pumps move up by `voltage_V` for
+`half_s`, then down by as much for as long. This is the probe.
+
+waiting   a question is open; the probe begins when it has been open for `after_s` without a change of the reference,
+          and when there is room: see `reason_to_wait`
+moving    the offset is added to what the control law asks for. The law does not act on the movement of the levels that
+          the offset causes by the model (`deviation_cm`), and so does not cancel it; it acts on everything else
+settling  the offset is zero, and the expected movement dies away with the time constants of the tanks: no bump
+
+The movement ends at once when the question is answered, the reference changes, the loop no longer controls, or a level
+or a pump comes near a limit. Interlocks take no notice of a probe. Why: docs/decisions/0027-active-isolation.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import inf, isfinite
+
+from hil.core.interlocks import Belief, Limits, levels_cm
+from hil.core.tanks import LinearModel, linearise, pump_matrix
+from hil.core.types import Diagnosis, Event, Inputs, Mode, OpenQuestion, Pair, Quad, Severity
+
+PUMP_ROOM_V = 0.2
+"""What is left between a moving pump and the limits of its range."""
+
+LEVEL_ROOM_CM = 0.5
+"""The movement begins only if the highest level stays so far below the level that trips; it ends at half of that."""
+
+MIN_LEVEL_CM = 0.25
+"""Lowest level of a tank during the movement: below it sensors and model say little."""
+
+SETTLED_CM = 0.005
+"""A smaller expected movement of the levels is no longer subtracted."""
+
+MIN_EFFECTIVENESS = 0.5
+"""A pump with less moves too little."""
+
+GONE_S = 3.0
+"""A question that is open again within this time was not answered."""
+
+TOLERANCE_S = 1e-6
+"""For comparing times, against rounding of floats."""
+
+NONE = (0.0, 0.0, 0.0, 0.0)
+REST = (0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class ProbeConfig:
+    """Settings of the probe. voltage_V, half_s : of each half of the movement.
+
+    after_s : how long a question must be open. again_s : time from one movement to the next about the same alarm.
+    """
+
+    is_allowed: bool = False
+    voltage_V: float = 0.3
+    half_s: float = 30.0
+    after_s: float = 10.0
+    again_s: float = 300.0
+
+
+NO_PROBE = ProbeConfig()
+
+
+@dataclass(frozen=True, slots=True)
+class Occasion:
+    """What one step knows besides the probe's state.
+
+    raw_V : (2,) what law and probe ask for. reference_s, next_reference_s : run times of the last and the next change
+    of the reference. end_s : of the run.
+    """
+
+    mode: Mode
+    inputs: Inputs
+    belief: Belief
+    raw_V: Pair
+    reference_s: float = -inf
+    next_reference_s: float = inf
+    end_s: float = inf
+
+
+@dataclass(frozen=True, slots=True)
+class Probe:
+    """State of the probe between two steps.
+
+    offset_V : (2,) added to what the law asks for. deviation_cm : (4,) movement of the levels that the offset has
+    caused by the model. question : that is open, since open_s; seen_s : when it was last seen. begun_s : of the
+    movement, inf while there is none; alarm : that it is about. linear : model of the levels, None when they have
+    settled. ended : for each alarm the run time at which the last movement about it ended. told : the reason to wait
+    that was reported.
+    """
+
+    offset_V: Pair = REST
+    deviation_cm: Quad = NONE
+    question: OpenQuestion | None = None
+    open_s: float = inf
+    seen_s: float = -inf
+    begun_s: float = inf
+    alarm: int = 0
+    linear: LinearModel | None = None
+    ended: tuple[tuple[int, float], ...] = ()
+    told: str = ""
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether the pumps move for the probe."""
+        return isfinite(self.begun_s)
+
+
+Step = tuple[Probe, tuple[Event, ...]]
+IDLE = Probe()
+
+
+def step(config: ProbeConfig, limits: Limits, probe: Probe, at: Occasion, t_s: float, period_s: float) -> Step:
+    """One step: the offset and the expected movement for the next one, and the events that announce both ends."""
+    if not config.is_allowed or (probe is IDLE and at.belief.diagnosis.open_question is None):
+        return probe, ()
+    probe = _follow(_ask(probe, at.belief.diagnosis, t_s), at, period_s)
+    if probe.is_moving:
+        reason = _reason_to_end(config, limits, probe, at, t_s)
+        if reason:
+            return _end(probe, reason, t_s)
+        return replace(probe, offset_V=_offset(config, t_s - probe.begun_s)), ()
+    if probe.question is None or probe.seen_s != t_s or not at.mode.is_controlling:
+        return probe, ()
+    ended_s = dict(probe.ended).get(probe.question.alarm, -inf)
+    due_s = max(probe.open_s + config.after_s, at.reference_s + config.after_s, ended_s + config.again_s)
+    if t_s < due_s - TOLERANCE_S:
+        return probe, ()
+    reason = reason_to_wait(config, limits, probe.question, at, t_s)
+    if reason:
+        return _wait(probe, probe.question, reason)
+    return _begin(config, limits, probe, probe.question, at, t_s)
+
+
+def reason_to_wait(config: ProbeConfig, limits: Limits, question: OpenQuestion, at: Occasion, t_s: float) -> str:
+    """Why a movement would not be safe or of use now; "" when it may begin.
+
+    The levels may rise or fall as if all water of the movement came or stayed away and the outlets did not react: this
+    bound holds for every explanation that is still possible.
+    """
+    diagnosis, belief = at.belief.diagnosis, at.belief
+    if min(at.next_reference_s, at.end_s) - t_s < 2.0 * config.half_s:
+        return "the reference changes soon, or the run ends"
+    is_failed = min(diagnosis.effectiveness) < MIN_EFFECTIVENESS or not all(at.inputs.measurement.valid)
+    if is_failed or _is_in_doubt(diagnosis) or _lost_sensors(diagnosis, question.tank):
+        return "a pump or a sensor is in doubt"
+    if belief.possible_cm is not None and max(belief.possible_cm) > -inf:
+        return "a lower tank may be fuller than its sensor shows"
+    low_V, high_V = limits.range_V
+    reach_V = config.voltage_V + PUMP_ROOM_V
+    if min(at.raw_V) - reach_V < low_V or max(at.raw_V) + reach_V > high_V:
+        return "a pump is near the limit of its range"
+    rises = rise_cm(limits, config.voltage_V, config.half_s)
+    seen = levels_cm(limits, at.inputs, belief)
+    if any(h + rise > limits.level_max_cm - LEVEL_ROOM_CM for h, rise in zip(seen, rises, strict=True)):
+        return "a level is too high"
+    if any(h - rise < MIN_LEVEL_CM for h, rise in zip(_lowest_cm(limits, at), rises, strict=True)):
+        return "a level is too low"
+    return ""
+
+
+def rise_cm(limits: Limits, voltage_V: float, for_s: float) -> Quad:
+    """(4,) how far each level rises if nothing leaves that both pumps give more: an upper bound.
+
+    Into a lower tank come its own pump's share and, through the tank above, the other pump's.
+    """
+    model = limits.model
+    per_V = pump_matrix(model).sum(axis=1).tolist()
+    flows = (per_V[0] + per_V[2], per_V[1] + per_V[3], per_V[2], per_V[3])
+    h1, h2, h3, h4 = (flow * voltage_V * for_s / area for flow, area in zip(flows, model.area_cm2, strict=True))
+    return h1, h2, h3, h4
+
+
+def _ask(probe: Probe, diagnosis: Diagnosis, t_s: float) -> Probe:
+    """Note which question is open, and since when."""
+    question = diagnosis.open_question
+    if question is None:
+        return replace(probe, question=None, open_s=inf) if t_s - probe.seen_s > GONE_S else probe
+    if probe.question is None or probe.question.alarm != question.alarm:
+        return replace(probe, question=question, open_s=t_s, seen_s=t_s, told="")
+    return replace(probe, question=question, seen_s=t_s)
+
+
+def _follow(probe: Probe, at: Occasion, period_s: float) -> Probe:
+    """Move the expected deviation of the levels on by one period."""
+    linear = probe.linear
+    if linear is None:
+        return probe
+    if not at.mode.is_controlling:
+        return replace(probe, deviation_cm=NONE, linear=None)
+    theta1, theta2 = at.belief.diagnosis.effectiveness
+    drive = (theta1 * probe.offset_V[0], theta2 * probe.offset_V[1])
+    moved = linear.A @ probe.deviation_cm + linear.B @ drive
+    d1, d2, d3, d4 = (d + period_s * rate for d, rate in zip(probe.deviation_cm, moved.tolist(), strict=True))
+    if not probe.is_moving and max(abs(d1), abs(d2), abs(d3), abs(d4)) < SETTLED_CM:
+        return replace(probe, deviation_cm=NONE, linear=None)
+    return replace(probe, deviation_cm=(d1, d2, d3, d4))
+
+
+def _offset(config: ProbeConfig, since_s: float) -> Pair:
+    voltage_V = config.voltage_V if since_s < config.half_s - TOLERANCE_S else -config.voltage_V
+    return voltage_V, voltage_V
+
+
+def _begin(config: ProbeConfig, limits: Limits, probe: Probe, question: OpenQuestion, at: Occasion, t_s: float) -> Step:
+    levels = at.belief.level_cm or levels_cm(limits, at.inputs, at.belief)
+    h1, h2, h3, h4 = (max(h, MIN_LEVEL_CM) for h in levels)
+    text = (
+        f"probe: both pumps move by +{config.voltage_V:g} V for {config.half_s:g} s, then by -{config.voltage_V:g} V, "
+        f"to tell a drift of sensor {question.tank} from a leak or blockage of tank {question.tank}"
+    )
+    data: dict[str, object] = {
+        "state": "begin",
+        "alarm": question.alarm,
+        "tank": question.tank,
+        "voltage_V": config.voltage_V,
+        "half_s": config.half_s,
+    }
+    new = replace(
+        probe,
+        offset_V=_offset(config, 0.0),
+        begun_s=t_s,
+        alarm=question.alarm,
+        linear=linearise(limits.model, (h1, h2, h3, h4)),
+        told="",
+    )
+    return new, (Event(Severity.WARNING, "probe", text, data),)
+
+
+def _wait(probe: Probe, question: OpenQuestion, reason: str) -> Step:
+    """Report once why there is no movement yet."""
+    if probe.told == reason:
+        return probe, ()
+    data: dict[str, object] = {"state": "wait", "alarm": question.alarm, "tank": question.tank, "reason": reason}
+    text = f"no probe for tank {question.tank} yet: {reason}"
+    return replace(probe, told=reason), (Event(Severity.INFO, "probe", text, data),)
+
+
+def _end(probe: Probe, reason: str, t_s: float) -> Step:
+    lasted_s = t_s - probe.begun_s
+    data: dict[str, object] = {"state": "end", "alarm": probe.alarm, "reason": reason, "lasted_s": lasted_s}
+    event = Event(Severity.INFO, "probe", f"probe ended after {lasted_s:.1f} s: {reason}", data)
+    ended = (*(entry for entry in probe.ended if entry[0] != probe.alarm), (probe.alarm, t_s))
+    return replace(probe, offset_V=REST, begun_s=inf, ended=ended), (event,)
+
+
+def _reason_to_end(config: ProbeConfig, limits: Limits, probe: Probe, at: Occasion, t_s: float) -> str:
+    """Why the movement ends at this step; "" while it goes on."""
+    if not at.mode.is_controlling:
+        return "the loop no longer controls"
+    if probe.question is None or probe.question.alarm != probe.alarm:
+        return "the question is answered"
+    if t_s - probe.begun_s >= 2.0 * config.half_s - TOLERANCE_S:
+        return "complete"
+    if at.reference_s > probe.begun_s:
+        return "the reference changes"
+    diagnosis = at.belief.diagnosis
+    if _is_in_doubt(diagnosis) or _lost_sensors(diagnosis, probe.question.tank):
+        return "a pump or a sensor is in doubt"
+    low_V, high_V = limits.range_V
+    if min(at.raw_V) < low_V or max(at.raw_V) > high_V:
+        return "a pump is at the limit of its range"
+    if max(levels_cm(limits, at.inputs, at.belief)) > limits.level_max_cm - 0.5 * LEVEL_ROOM_CM:
+        return "a level is near the level that trips"
+    return "a level is too low" if min(_lowest_cm(limits, at)) < 0.5 * MIN_LEVEL_CM else ""
+
+
+def _is_in_doubt(diagnosis: Diagnosis) -> bool:
+    """Whether a pump may not follow or not deliver, or a level is not known."""
+    return any(diagnosis.stuck_on) or any(diagnosis.unproven) or diagnosis.is_blind or diagnosis.is_diverged
+
+
+def _lost_sensors(diagnosis: Diagnosis, tank: int) -> bool:
+    """Whether any sensor but that of the tank in question is not trusted."""
+    return any(not trusted for number, trusted in enumerate(diagnosis.trusted, 1) if number != tank)
+
+
+def _lowest_cm(limits: Limits, at: Occasion) -> Quad:
+    """(4,) the lower of what sensors and model say."""
+    seen = levels_cm(limits, at.inputs, at.belief)
+    h1, h2, h3, h4 = (min(pair) for pair in zip(seen, at.belief.level_cm or seen, strict=True))
+    return h1, h2, h3, h4
