@@ -135,7 +135,10 @@ def stable_ones(rig: Rig, where: str) -> str:
         except SettingsError:
             continue
     if not stable:
-        return f"none of the designs {', '.join(DESIGNS.names)} is stable on this rig"
+        return (
+            f"none of the designs {', '.join(DESIGNS.names)} is stable on this rig; "
+            "a design of your own can be (docs/how-to/own-design.md)"
+        )
     return f"of the designs {', '.join(DESIGNS.names)}, stable on this rig: {', '.join(stable)}"
 
 

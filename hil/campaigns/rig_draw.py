@@ -28,6 +28,10 @@ FILL_MAX = 0.9
 FLOW_SHARES = (0.2, 1.0)
 """Share of the pumps' largest voltage between which `flow_ratio` is given."""
 
+PUMP_GAIN, UNKNOWN = "pump_effectiveness", "unknown"
+SIZE_TOLERANCE = 0.1
+"""Share of the flow that the file says."""
+
 
 @dataclass(frozen=True)
 class RigNumbers:
@@ -126,16 +130,20 @@ def draw_rig(spec: Draw, base: RigNumbers, seed: int, duration_s: float) -> Draw
     return DrawnRig(values, _without_empty(overlay))
 
 
-def is_honest(drawn: Mapping[str, Any], kind: str, target: object, size: float | None, tolerance: float = 0.1) -> bool:
-    """Whether an alarm on a drawn rig says nothing but the truth: a pump that gives more or less than its file.
+def is_honest(drawn: Mapping[str, Any], kind: str, target: object, size: float | None) -> bool:
+    """Whether an alarm on a drawn rig that the controller does not know says nothing but the truth.
 
-    tolerance : how far size may lie outside of what the pump gives, as a share of the file's flow.
+    It may say `unknown`, or that a pump gives more or less than its file, within `SIZE_TOLERANCE` of what it gives.
     """
     ratios = drawn.get("flow_ratio")
-    if ratios is None or kind != "pump_effectiveness" or target not in (1, 2) or size is None:
+    if ratios is None:
+        return False
+    if kind == UNKNOWN:
+        return True
+    if kind != PUMP_GAIN or target not in (1, 2) or size is None:
         return False
     low, high = ratios[int(str(target)) - 1]
-    return bool(low - tolerance <= size <= high + tolerance)
+    return bool(low - SIZE_TOLERANCE <= size <= high + SIZE_TOLERANCE)
 
 
 def _values(spec: Draw, seed: int) -> dict[str, Any]:

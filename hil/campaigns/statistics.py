@@ -94,6 +94,11 @@ def confusion(rows: Iterable[Row]) -> dict[str, Counter[str]]:
     return table
 
 
+def trips(rows: Iterable[Row]) -> dict[str, int]:
+    """How many runs tripped, by cause, the most frequent first."""
+    return dict(Counter(row.trip_cause for row in rows if row.trip_cause).most_common())
+
+
 def broken(rows: Sequence[Row]) -> dict[str, tuple[Row, ...]]:
     """The rows that broke each invariant; all invariants are there."""
     return {name: tuple(row for row in rows if getattr(row, name)) for name in INVARIANTS}

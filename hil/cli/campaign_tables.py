@@ -31,6 +31,12 @@ def show(console: Console, rows: Sequence[Row]) -> None:
     if missing := not_played_text(statistics.not_played(rows)):
         console.print(missing, highlight=False, markup=False)
     console.print(f"False alarms: {rate_text(statistics.false_alarms(rows))}", highlight=False)
+    honest = sum(row.honest_alarms for row in rows)
+    if honest:
+        console.print(f"Besides, {counted(honest, 'alarm')} that say what a drawn rig is.", highlight=False)
+    if trips := statistics.trips(rows):
+        causes = ", ".join(f"{cause} {count}" for cause, count in trips.items())
+        console.print(f"Tripped: {sum(trips.values())} of {counted(len(rows), 'run')}: {causes}", highlight=False)
     for name, guilty in statistics.broken(rows).items():
         if guilty:
             named = ", ".join(f"{row.key} (seed {row.seed}: {row.broken})" for row in guilty[:MAX_NAMED])

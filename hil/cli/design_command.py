@@ -52,7 +52,8 @@ def run(console: Console, config_dir: Path | None, out: Path | None, rig_name: s
         raise SettingsError(f"{rig_path}: none of the designs {', '.join(DESIGNS.names)} can be had on this rig")
     _show_robustness(console, designs)
     if len(designs) < len(DESIGNS.names):
-        console.print(stable_ones(rig, str(rig_path)), highlight=False, markup=False)
+        sentence = stable_ones(rig, str(rig_path))
+        console.print(f"{sentence[0].upper()}{sentence[1:]}.", highlight=False, markup=False)
     if out is not None:
         try:
             out.mkdir(parents=True, exist_ok=True)

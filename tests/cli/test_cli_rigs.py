@@ -2,15 +2,24 @@
 
 import json
 from pathlib import Path
+from runpy import run_path
 
 import pytest
 
 import hil
 from hil.bench.emulator_twin import emulator_of
+from hil.core.gain_design import GainDesign
 from hil.edge.config.shipped import RIGS, shipped_names
-from tests.cli.cli_bench import CONFIG, CommandLine, assert_refused, scenario_text
+from hil.edge.record.run_folder import RunFolder
+from tests.cli.cli_bench import CONFIG, ROOT, CommandLine, assert_refused, scenario_text
 
 SHIPPED = ("johansson_minus", "johansson_plus")
+
+
+def lqr_example() -> GainDesign:
+    """The design of docs/examples/lqr_design.py."""
+    design: GainDesign = run_path(str(ROOT / "docs" / "examples" / "lqr_design.py"))["LqrDesign"]()
+    return design
 
 
 def rig_file(folder: Path) -> Path:
@@ -39,10 +48,9 @@ def test_a_run_folder_keeps_the_rig(command_line: CommandLine, tmp_path: Path) -
     rig = rig_file(tmp_path)
     command = ("hil", "simulate", "rest", "--rig", rig, "--duration", "2", "--no-rerun", "--no-report")
     assert command_line(*command, "--out", tmp_path / "run").code == 0
-    (kept,) = (tmp_path / "run").rglob("rig.toml")
-    assert kept.read_text() == rig.read_text()
-    settings = json.loads((tmp_path / "run" / "run.json").read_text())["settings"]
-    assert settings["rig"]["pumps"]["gain_cm3_Vs"] == [3.0, 3.1]
+    plan = RunFolder.open(tmp_path / "run").manifest().plan
+    assert plan.copies["rig.toml"] == rig.read_text()
+    assert plan.settings["rig"]["pumps"]["gain_cm3_Vs"] == [3.0, 3.1]
     assert command_line("hil", "report", tmp_path / "run").code == 0
 
 
@@ -71,10 +79,20 @@ def test_a_rig_without_a_design_says_so_and_nothing_is_run(command_line: Command
     assert shown.code == 0
     assert "transmission zero at +0.01276" in text
     assert "this rig needs another design, which comes later" in text
-    assert "none of the designs rig, calibrated is stable on this rig" in text
+    assert "None of the designs rig, calibrated is stable on this rig; a design of your own can be" in text
     refused = command_line("hil", "simulate", "steps", "--rig", "johansson_plus", "--out", tmp_path / "run")
     assert_refused(refused, "johansson_plus.toml", "which comes later", "none of the designs rig, calibrated is stable")
     assert not (tmp_path / "run").exists()
+
+
+def test_a_design_of_ones_own_runs_on_a_rig_without_one() -> None:
+    """The documentation's LQR design is stable on the non-minimum-phase rig, and a run begins at rest."""
+    design = lqr_example()
+    assert hil.design(design, rig="johansson_plus").is_stable
+    result = hil.simulate("rest", rig="johansson_plus", design=design, duration_s=3.0)
+    assert result.status == "complete"
+    levels_cm = [result.series[f"true_h{tank}_cm"][-1] for tank in (1, 2, 3, 4)]
+    assert levels_cm == pytest.approx([12.442, 13.167, 4.730, 4.986], abs=0.05)
 
 
 def test_a_campaign_runs_on_the_rig(command_line: CommandLine, tmp_path: Path) -> None:
