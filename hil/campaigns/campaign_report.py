@@ -169,11 +169,16 @@ def _figures(classes: Sequence[FaultClass], rows: Sequence[Row]) -> str:
     return f'<div class="figures">{"".join(parts)}</div>\n' if parts else ""
 
 
+def _honest(rows: Sequence[Row]) -> str:
+    count = sum(row.honest_alarms for row in rows)
+    return f" Besides, {counted(count, 'alarm')} that say what a drawn rig is." if count else ""
+
+
 def _false_alarms(rows: Sequence[Row]) -> str:
     spurious = sum(row.spurious_alarms for row in rows)
     repeated = sum(row.repeated_alarms for row in rows)
     again = f" Further ones with the name of a growing or intermittent fault: {repeated}." if repeated else ""
-    text = f"{rate_text(statistics.false_alarms(rows))}. Spurious ones after a fault: {spurious}.{again}"
+    text = f"{rate_text(statistics.false_alarms(rows))}. Spurious ones after a fault: {spurious}.{again}{_honest(rows)}"
     lines = [
         [row.key, row.scenario, row.label, str(row.seed), str(row.false_alarms), str(row.spurious_alarms), row.declared]
         for row in rows

@@ -5,21 +5,25 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from io import StringIO
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from hil.bench import campaign_case, campaign_run
 from hil.bench.campaign_case import run_case
 from hil.bench.campaign_run import CampaignOptions
+from hil.campaigns.campaign_report import render
 from hil.campaigns.cases import Case
 from hil.campaigns.draw_spec import Draw
 from hil.campaigns.rig_draw import DrawnRig, RigNumbers, draw_rig, is_honest
+from hil.cli import campaign_tables
 from hil.edge.config.settings_file import SettingsError, validated
-from tests.campaign.campaign_bench import CONFIG, SHORT, campaign_file
+from tests.campaign.campaign_bench import CONFIG, SHORT, campaign_file, row
 
 HEAD = """[campaign]
 name = "drawn"
@@ -181,15 +185,24 @@ def test_the_row_and_the_folder_say_what_was_drawn(tmp_path: Path) -> None:
     (tmp_path / "short.toml").write_text(SHORT.replace("12.0", "2.0").split("[[fault]]")[0])
     prepared = campaign_run.prepare(file, CampaignOptions(processes=1))
     store = campaign_run.open_store(prepared, tmp_path / "out")
-    (row,) = campaign_run.run_missing(prepared, store, lambda _: None)
-    assert row.status == "complete", row.reason
-    said = json.loads(row.drawn_json)
+    (found,) = campaign_run.run_missing(prepared, store, lambda _: None)
+    assert found.status == "complete", found.reason
+    said = json.loads(found.drawn_json)
     assert said == json.loads(json.dumps(prepared.cases[0].drawn))
     assert set(said) == {*DRAW, "flow_ratio"}
-    campaign_run.write_results(prepared, store, [row], report=False)
-    again = campaign_run.load(tmp_path / "out" / "cases" / f"{row.key}.toml", CONFIG, CampaignOptions(seeds=1))[1]
+    campaign_run.write_results(prepared, store, [found], report=False)
+    again = campaign_run.load(tmp_path / "out" / "cases" / f"{found.key}.toml", CONFIG, CampaignOptions(seeds=1))[1]
     repeated = run_case(again[0], CONFIG)
-    assert (repeated.iae_1_Vs, repeated.steps) == (row.iae_1_Vs, row.steps)
+    assert (repeated.iae_1_Vs, repeated.steps) == (found.iae_1_Vs, found.steps)
+
+
+def test_terminal_and_report_count_honest_alarms_and_trips() -> None:
+    rows = [row(honest_alarms=2, seed=1), row(trip_cause="high_level", seed=2)]
+    out = StringIO()
+    campaign_tables.show(Console(file=out, width=120), rows)
+    assert "Besides, 2 alarms that say what a drawn rig is." in out.getvalue()
+    assert "Tripped: 1 of 2 runs: high_level 1" in out.getvalue()
+    assert "Besides, 2 alarms that say what a drawn rig is." in render("drawn", rows)
 
 
 def test_an_alarm_that_says_what_a_drawn_pump_gives_is_honest(base: RigNumbers) -> None:

@@ -92,7 +92,7 @@ def test_a_design_of_ones_own_runs_on_a_rig_without_one() -> None:
     result = hil.simulate("rest", rig="johansson_plus", design=design, duration_s=3.0)
     assert result.status == "complete"
     levels_cm = [result.series[f"true_h{tank}_cm"][-1] for tank in (1, 2, 3, 4)]
-    assert levels_cm == pytest.approx([12.442, 13.167, 4.730, 4.986], abs=0.05)
+    assert levels_cm == pytest.approx([12.442, 13.167, 4.730, 4.986], abs=0.1)
 
 
 def test_a_campaign_runs_on_the_rig(command_line: CommandLine, tmp_path: Path) -> None:
