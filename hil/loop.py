@@ -97,7 +97,7 @@ class ControlLoop:
     ) -> None:
         self._config = config
         self._sender = CommandSender(contract)
-        self._receiver = Receiver(contract, self._sender, sensor_range_V)
+        self._receiver = Receiver(contract, self._sender, sensor_range_V, config.loop.sensors)
         self._port = port
         self._recorder = recorder
         self._arm_timeout_s = arm_timeout_s

@@ -143,18 +143,18 @@ def load_contract(path: Path) -> Contract:
 def controller_config(bench: Bench, duration_s: float | None = None) -> ControllerConfig:
     """The controller of this scenario on this rig. Raises SettingsError when no design meets the rig file."""
     rig, scenario = bench.rig, bench.scenario
-    model = rig.tank_model
+    model, path = rig.tank_model, rig.pump_path
     choice = scenario.control
     loop = LoopConfig(
-        reconfiguration=Reconfiguration(
-            model, _gain_design(bench), rig.pumps.range_V[1], rig.control.operating_point_V
-        ),
+        reconfiguration=Reconfiguration(model, _gain_design(bench), path.max_drives, rig.operating_drives, path),
         detector=_fault_detector(bench),
-        level_filter=LevelFilter(model, rig.pumps.lag_s, rig.control.level_filter_s),
+        level_filter=LevelFilter(model, rig.lags_s, rig.control.level_filter_s),
         references=reference_schedule(scenario, rig, str(bench.scenario_path)),
         reconfigure=choice.reconfigure,
         period_s=rig.control.period_s,
         anti_windup_s=rig.control.anti_windup_s,
+        pumps=path,
+        sensors=rig.level_sensors,
     )
     return ControllerConfig(
         loop,
@@ -216,9 +216,9 @@ def reference_schedule(scenario: Scenario, rig: Rig, where: str) -> tuple[tuple[
 
     Raises SettingsError when one lies below empty or above the level that trips.
     """
-    k = rig.sensors.gain_V_cm
+    k = rig.tank_model.level_gain_V_cm
     highest = k * rig.safety.level_max_cm
-    h1, h2, _, _ = equilibrium(rig.tank_model, rig.control.operating_point_V)
+    h1, h2, _, _ = equilibrium(rig.tank_model, rig.operating_drives)
     levels_V: Pair = (k * h1, k * h2)
     schedule = [(0.0, levels_V)]
     for index, reference in enumerate(scenario.reference):
@@ -266,14 +266,14 @@ def _copy_name(bench: Bench, file: Path) -> str:
 
 
 def _limits(rig: Rig) -> Limits:
-    safety = rig.safety
+    safety, path, model, (lag1, lag2) = rig.safety, rig.pump_path, rig.tank_model, rig.lags_s
     return Limits(
         range_V=rig.pumps.range_V,
         rate_V_s=rig.pumps.rate_V_s,
         stop_ramp_V_s=safety.stop_ramp_V_s,
-        model=rig.tank_model,
-        lag_s=rig.pumps.lag_s,
-        level_gain_V_cm=rig.sensors.gain_V_cm,
+        model=model,
+        lag_s=(lag1 + path.delay_s[0], lag2 + path.delay_s[1]),
+        level_gain_V_cm=model.level_gain_V_cm,
         level_max_cm=safety.level_max_cm,
         rim_margin_cm=safety.rim_margin_cm,
         levels_age_max_s=safety.levels_age_max_s,
@@ -290,6 +290,7 @@ def _limits(rig: Rig) -> Limits:
         stops_on_dead_pump=safety.dead_pump == "stop",
         stops_on_lost_lower_level=safety.lost_lower_level == "stop",
         bypass_max_s=safety.bypass_max_s,
+        pumps=path,
     )
 
 

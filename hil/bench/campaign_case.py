@@ -146,8 +146,8 @@ def _figures(bench: Bench) -> outcome.RigFigures:
         windows=tuple(Window(w.name, w.from_s, w.to_s) for w in bench.scenario.window),
         period_s=rig.control.period_s,
         rate_V_s=max(rig.pumps.rate_V_s, rig.safety.stop_ramp_V_s),
-        height_cm=rig.tanks.height_cm,
-        level_gain_V_cm=rig.sensors.gain_V_cm,
+        height_cm=rig.tank_model.height_cm,
+        level_gain_V_cm=rig.tank_model.level_gain_V_cm,
     )
 
 

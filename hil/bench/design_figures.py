@@ -86,7 +86,7 @@ class DesignFigures:
 def process_figures(rig: Rig) -> ProcessFigures:
     """The rig at its operating point."""
     model = rig.tank_model
-    levels = equilibrium(model, rig.control.operating_point_V)
+    levels = equilibrium(model, rig.operating_drives)
     linear = linearise(model, levels)
     return ProcessFigures(
         rig.control.operating_point_V, levels, linear, transmission_zeros(linear), relative_gain_array(linear)
@@ -120,7 +120,7 @@ def design_figures(rig: Rig, design: str | GainDesign, where: str) -> DesignFigu
         requested,
         _in_order(poles.astype(complex), requested),
         float(np.linalg.cond(vectors)),
-        noise_gain(K, rig.sensors.gain_V_cm),
+        noise_gain(K, rig.tank_model.level_gain_V_cm),
         {loss: complex(closed_loop_poles(linear, K, left)[0]) for loss, left in LOSSES.items()},
     )
 

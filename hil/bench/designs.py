@@ -19,7 +19,7 @@ DesignMaker = Callable[[Rig], GainDesign]
 def rig_design(rig: Rig) -> GainDesign:
     """Decoupled outputs within `control.noise_gain_max`. Raises DesignError when the rig's poles can't meet it."""
     model = rig.tank_model
-    at = linearise(model, equilibrium(model, rig.control.operating_point_V))
+    at = linearise(model, equilibrium(model, rig.operating_drives))
     return choose_rig_design(at, rig.control.output_poles, rig.control.noise_gain_max)
 
 

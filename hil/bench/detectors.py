@@ -26,7 +26,14 @@ def glr_detector(rig: Rig, scenario: Scenario) -> FaultDetector:  # noqa: ARG001
     """The likelihood-ratio bank."""
     from hil.core.diagnosis.glr.glr_detector import GlrDetector  # compiled code: a second that others need not wait for
 
-    return GlrDetector(rig.tank_model, rig.pumps.lag_s, rig.sensors.noise_V, range_V=rig.pumps.range_V)
+    return GlrDetector(
+        rig.tank_model,
+        rig.lags_s,
+        rig.signal_noise,
+        range_V=rig.pump_path.drive_ranges,
+        sensors=rig.level_sensors,
+        uncertainty=rig.uncertainty.of_each,
+    )
 
 
 def ideal_detector(rig: Rig, scenario: Scenario) -> FaultDetector:  # noqa: ARG001 - it needs no model

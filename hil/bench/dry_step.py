@@ -46,8 +46,7 @@ def _check_law(config: ControllerConfig, at_s: float, reference_V: Pair) -> None
     model, k = reconfiguration.model, reconfiguration.model.level_gain_V_cm
     try:
         law = reconfiguration.law(reference_V, (1.0, 1.0))
-        limit_V = reconfiguration.limit_V
-        reached = nearest_reachable(model, (reference_V[0] / k, reference_V[1] / k), (limit_V, limit_V))
+        reached = nearest_reachable(model, (reference_V[0] / k, reference_V[1] / k), reconfiguration.limit_V)
         v1, v2 = (max(voltage, 0.0) for voltage in reached.holding_V)
         h1, h2, h3, h4 = (max(level_cm, MIN_LEVEL_CM) for level_cm in equilibrium(model, (v1, v2)))
         slowest = closed_loop_poles(linearise(model, (h1, h2, h3, h4)), gain_matrix(law.gains))[0]

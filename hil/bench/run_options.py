@@ -34,4 +34,4 @@ def default_folder(name: str, now: datetime) -> Path:
 
 def timeline_settings(bench: Bench, config: ControllerConfig, options: RunOptions) -> TimelineSettings | None:
     """What run.rrd needs, if it is wanted."""
-    return TimelineSettings(bench.rig.sensors.gain_V_cm, config.duration_s) if options.rerun else None
+    return TimelineSettings(bench.rig.tank_model.level_gain_V_cm, config.duration_s) if options.rerun else None

@@ -6,9 +6,11 @@ from functools import lru_cache
 from math import ceil, floor
 
 from hil.bench.assembly import Bench, reference_schedule
+from hil.core.fault_kinds import FaultKind
 from hil.core.tanks import holding_voltages
 from hil.core.types import Pair
 from hil.edge.config.rig_file import Rig
+from hil.edge.config.scenario_file import Fault
 
 STEP_TOLERANCE = 1e-9
 LEARNING_S = 60.0
@@ -34,14 +36,29 @@ def detection_bound(bench: Bench, reading_s: float) -> float | None:
     for fault in faults:
         if not isinstance(fault.target, int):
             return None
-        jumps |= jumps_of_fault(fault.kind, fault.target, fault.value, model)
+        jumps |= jumps_of_fault(fault.kind, fault.target, _signal_value(bench.rig, fault), model)
     if len(jumps) != len(faults):
         return None
     onset_s = onsets.pop()
     bound_s = _bound(bench.rig, reading_s, tuple(sorted(jumps.items())), _held(bench, onset_s))
     if bound_s is None:
         return None
+    bound_s += min(_way_s(bench.rig, fault) for fault in faults)
     return delay_of_step(onset_s, bound_s, reading_s, bench.rig.control.period_s)
+
+
+def _signal_value(rig: Rig, fault: Fault) -> float | None:
+    """The value of a fault; that of a sensor's bias or drift as one of the level signal."""
+    is_of_sensor = fault.kind in (FaultKind.SENSOR_BIAS, FaultKind.SENSOR_DRIFT)
+    if fault.value is None or not is_of_sensor or fault.target not in (1, 2, 3, 4):
+        return fault.value
+    return fault.value * rig.level_sensors.factor[int(fault.target) - 1]
+
+
+def _way_s(rig: Rig, fault: Fault) -> float:
+    """How much later than at the pump a fault arrives at the tanks."""
+    is_at_pump = fault.kind in (FaultKind.PUMP_EFFECTIVENESS, FaultKind.PUMP_DEAD)
+    return rig.pump_path.delay_s[int(fault.target) - 1] if is_at_pump else 0.0
 
 
 def delay_of_step(onset_s: float, bound_s: float, reading_s: float, period_s: float) -> float:
@@ -72,5 +89,5 @@ def _bound(
 ) -> float | None:
     from hil.core.diagnosis.glr.detection_bound import detection_bound_s
 
-    period_s, noise_V = rig.control.period_s, rig.sensors.noise_V
-    return detection_bound_s(rig.tank_model, rig.pumps.lag_s, noise_V, dict(jumps), held, period_s, reading_s)
+    model, period_s = rig.tank_model, rig.control.period_s
+    return detection_bound_s(model, rig.lags_s, rig.signal_noise, dict(jumps), held, period_s, reading_s)

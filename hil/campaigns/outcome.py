@@ -14,7 +14,7 @@ from hil.campaigns.cases import Case
 from hil.campaigns.observer import Observations, rate_broken
 from hil.campaigns.rig_draw import is_honest
 from hil.campaigns.row import CRASHED, Elapsed, Row
-from hil.core.types import UNRESOLVED
+from hil.core.types import UNRESOLVED, Quad
 from hil.edge.record.run_folder import Window
 from hil.loop import Outcome as Ending
 from hil.review.alarms import Finding, Injected, Judgement, injected, judge, merged
@@ -27,12 +27,15 @@ Bound = Callable[[Case], float | None]
 
 @dataclass(frozen=True)
 class RigFigures:
-    """What a run's figures need of its configuration. rate_V_s : fastest requested change of an output."""
+    """What a run's figures need of its configuration. rate_V_s : fastest requested change of an output.
+
+    height_cm : (4,) of the rims. level_gain_V_cm : of the level signals.
+    """
 
     windows: tuple[Window, ...]
     period_s: float
     rate_V_s: float
-    height_cm: float
+    height_cm: Quad
     level_gain_V_cm: float
 
 
@@ -204,7 +207,7 @@ def _safety(bench: RigFigures, seen: Observations, rest: Rest, faults: Sequence[
     """The invariants, true where broken."""
     levels_cm, applied_V = seen.steps[:, 3:7], seen.steps[:, 7:9]
     level_max_cm = float(levels_cm.max()) if len(levels_cm) else None
-    is_over = rest.spilled_cm3 > 0.0 or (level_max_cm or 0.0) > bench.height_cm
+    is_over = rest.spilled_cm3 > 0.0 or bool((levels_cm > np.array(bench.height_cm)).any())
     is_dry = dry_run(seen.column("t_s"), applied_V, faults)
     too_steep = rate_broken(seen, bench.rate_V_s, bench.period_s)
     is_moving = rest.applied_V != (0.0, 0.0)

@@ -18,7 +18,7 @@ from hil.doctor.examination import Expectations, examine
 from hil.edge.can import adapters
 from hil.edge.can.bus import BusAddress, BusError, BusPort
 from hil.edge.config.rig_file import Rig, load_rig
-from hil.edge.config.settings_file import default_config_dir
+from hil.edge.config.settings_file import default_config_dir, of_all
 from hil.edge.config.shipped import find_rig
 from hil.edge.host import host_facts
 from hil.edge.host.clock import MonotonicClock, StopSignal
@@ -104,11 +104,11 @@ def expectations(rig: Rig) -> Expectations:
     """The rig file's values for the bench."""
     return Expectations(
         model=rig.tank_model,
-        lag_s=rig.pumps.lag_s,
-        pump_range_V=rig.pumps.range_V,
+        lag_s=rig.lags_s,
+        pumps=rig.pump_path,
+        sensors=rig.level_sensors,
         rate_V_s=rig.pumps.rate_V_s,
-        sensor_range_V=rig.sensors.range_V,
-        noise_V=rig.sensors.noise_V,
+        noise_V=of_all(rig.sensors.noise_V),
         level_max_cm=rig.safety.level_max_cm,
         errors_per_s_max=rig.safety.errors_per_s_max,
         echo_age_max_s=rig.safety.echo_age_max_s,

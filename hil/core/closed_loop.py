@@ -11,9 +11,12 @@ from typing import Any
 
 from hil.core import estimator, state_feedback
 from hil.core.active_isolation import IDLE, Probe
+from hil.core.alarm_units import in_bench_units
 from hil.core.diagnosis.detector import FaultDetector
 from hil.core.estimator import Estimate, LevelFilter
+from hil.core.pumps import STRAIGHT, Pumps, UnderWay
 from hil.core.reconfiguration import Reconfiguration
+from hil.core.sensors import PLAIN, Sensors
 from hil.core.state_feedback import ControlLaw
 from hil.core.types import UNRESOLVED, Alarm, Diagnosis, Event, Inputs, Measurement, Pair, Quad, Severity
 
@@ -47,7 +50,8 @@ class LoopConfig:
     """Configuration of the control loop.
 
     references : (at_s, (r1, r2) in V), ascending in time, the first at 0. reconfigure : whether the law follows the
-    diagnosis; otherwise the gains stay as they are. anti_windup_s : see `state_feedback.advance_integral`.
+    diagnosis; otherwise the gains stay as they are. anti_windup_s : see `state_feedback.advance_integral`. pumps,
+    sensors : what lies between the law's drives and the commands, and between readings and level signals.
     """
 
     reconfiguration: Reconfiguration
@@ -57,6 +61,8 @@ class LoopConfig:
     reconfigure: bool
     period_s: float
     anti_windup_s: float
+    pumps: Pumps = STRAIGHT
+    sensors: Sensors = PLAIN
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,9 +71,9 @@ class LoopState:
 
     law_for : the reference, effectiveness and valve splits that the law was computed for. changed_s : run time of the
     last change of effectiveness that changed the law. refined_until_s : run time until which refinements of it are
-    followed. level_cm : (4,) the levels fed back, less a probe's movement. raw_V : (2,) what law and probe ask for at
-    this step. split_s : run time of the last change of the splits. unstable_since_s : since when no law is stable, inf
-    if one is.
+    followed. level_cm : (4,) the levels fed back, less a probe's movement. drive_V, raw_V : (2,) what law and probe ask
+    for at this step, as drives and as voltages. split_s : run time of the last change of the splits. unstable_since_s :
+    since when no law is stable, inf if one is. under_way : drives that have not arrived, for pumps with a delay.
     """
 
     started_ns: int
@@ -80,8 +86,10 @@ class LoopState:
     memory: Any
     diagnosis: Diagnosis
     iae_Vs: Pair
+    drive_V: Pair
     raw_V: Pair
     level_cm: Quad
+    under_way: UnderWay
     changed_s: float = -inf
     refined_until_s: float = -inf
     split_s: float = -inf
@@ -102,10 +110,10 @@ def begin(config: LoopConfig, inputs: Inputs, now_ns: int) -> LoopState:
     """
     reference = config.references[0][1]
     law = config.reconfiguration.law(reference, HEALTHY)
-    applied_V = inputs.pumps.applied_V
+    drive_V = config.pumps.drive(inputs.pumps.applied_V)
     integral = (0.0, 0.0)
-    if applied_V != (0.0, 0.0):
-        integral = state_feedback.bumpless_integral(law, measured_level_cm(config, inputs), applied_V)
+    if inputs.pumps.applied_V != (0.0, 0.0):
+        integral = state_feedback.bumpless_integral(law, measured_level_cm(config, inputs), drive_V)
     return LoopState(
         started_ns=now_ns,
         stepped_ns=now_ns,
@@ -113,12 +121,14 @@ def begin(config: LoopConfig, inputs: Inputs, now_ns: int) -> LoopState:
         law=law,
         law_for=(reference, HEALTHY, None),
         integral_Vs=integral,
-        estimate=estimator.start(config.level_filter, inputs.measurement, applied_V),
+        estimate=estimator.start(config.level_filter, inputs.measurement, drive_V),
         memory=config.detector.start(),
         diagnosis=Diagnosis(),
         iae_Vs=(0.0, 0.0),
+        drive_V=(0.0, 0.0),
         raw_V=(0.0, 0.0),
         level_cm=measured_level_cm(config, inputs),
+        under_way=UnderWay() if config.pumps.is_direct else UnderWay(((now_ns - 1, now_ns, drive_V),)),
     )
 
 
@@ -128,7 +138,8 @@ def step(
     """One step up to the voltages that the law asks for (`raw_V`), the offset of a probe included."""
     t_s = (now_ns - state.started_ns) * 1e-9
     period_s = (now_ns - state.stepped_ns) * 1e-9
-    estimate, memory, diagnosis = _observe(config, state, inputs, t_s, period_s)
+    arrived_V, under_way = _arrived(config, state, inputs, now_ns)
+    estimate, memory, diagnosis = _observe(config, state, inputs, t_s, period_s, arrived_V)
     reference = _reference_at(config, t_s)
     law, law_for, integral = state.law, state.law_for, state.integral_Vs
     changed_s, refined_until_s = state.changed_s, state.refined_until_s
@@ -150,6 +161,7 @@ def step(
         law, law_for = config.reconfiguration.law(*requested), requested
         integral = state_feedback.bumpless_integral(law, level_cm, effective)
     v1, v2 = state_feedback.pump_voltage(law, state_feedback.effective_voltage(law, integral, level_cm))
+    drive = (v1 + probe.offset_V[0], v2 + probe.offset_V[1])
     new = LoopState(
         started_ns=state.started_ns,
         stepped_ns=now_ns,
@@ -161,8 +173,10 @@ def step(
         memory=memory,
         diagnosis=diagnosis,
         iae_Vs=_iae(state, estimate, period_s),
-        raw_V=(v1 + probe.offset_V[0], v2 + probe.offset_V[1]),
+        drive_V=drive,
+        raw_V=config.pumps.voltage(drive),
         level_cm=level_cm,
+        under_way=under_way,
         changed_s=changed_s,
         refined_until_s=refined_until_s,
         split_s=split_s,
@@ -175,14 +189,24 @@ def integrate(config: LoopConfig, state: LoopState, inputs: Inputs, command_V: P
     """Integrals for the next step, from the command that the supervisor allowed and what the pump node applied."""
     k, (h1, h2, _, _) = config.level_filter.model.level_gain_V_cm, state.level_cm
     error = (state.law.target_V[0] - k * h1, state.law.target_V[1] - k * h2)
-    short = inputs.pumps.shortfall_V
-    excess = (state.raw_V[0] - command_V[0] + short[0], state.raw_V[1] - command_V[1] + short[1])
+    excess = _excess(config.pumps, state.drive_V, inputs, command_V)
     if state.law.standby_V != (None, None):
         effective = state_feedback.effective_voltage(state.law, state.integral_Vs, state.level_cm)
         excess = state_feedback.undelivered(state.law, effective, excess)
     return state_feedback.advance_integral(
         state.law, state.integral_Vs, error, excess, config.period_s, config.anti_windup_s
     )
+
+
+def _excess(pumps: Pumps, drive_V: Pair, inputs: Inputs, command_V: Pair) -> Pair:
+    """(2,) drives that were requested minus those that were given."""
+    short1, short2 = inputs.pumps.shortfall_V
+    (d1, d2), (given1, given2) = drive_V, pumps.drive(command_V)
+    if not pumps.is_straight:
+        applied1, applied2 = inputs.pumps.applied_V
+        echoed_V, applied_V = pumps.drive((applied1 + short1, applied2 + short2)), pumps.drive((applied1, applied2))
+        short1, short2 = echoed_V[0] - applied_V[0], echoed_V[1] - applied_V[1]
+    return d1 - given1 + short1, d2 - given2 + short2
 
 
 def measured_level_cm(config: LoopConfig, inputs: Inputs) -> Quad:
@@ -192,22 +216,36 @@ def measured_level_cm(config: LoopConfig, inputs: Inputs) -> Quad:
     return (y1 / k, y2 / k, y3 / k, y4 / k)
 
 
+def _arrived(config: LoopConfig, state: LoopState, inputs: Inputs, now_ns: int) -> tuple[Pair, UnderWay]:
+    """(2,) the drives that arrived at the tanks since the last step, and those that are still under way."""
+    pumps, drive_V = config.pumps, config.pumps.drive(inputs.pumps.applied_V)
+    if pumps.is_direct or now_ns <= state.stepped_ns:
+        return drive_V, state.under_way
+    under_way = state.under_way.with_drive(pumps, state.stepped_ns, now_ns, drive_V)
+    return under_way.arrived(pumps, state.stepped_ns, now_ns), under_way
+
+
 def _observe(
-    config: LoopConfig, state: LoopState, inputs: Inputs, t_s: float, period_s: float
+    config: LoopConfig, state: LoopState, inputs: Inputs, t_s: float, period_s: float, arrived_V: Pair
 ) -> tuple[Estimate, Any, Diagnosis]:
-    """Estimate and diagnosis; the levels of a detector that estimates them itself replace those of the level filter."""
-    applied_V = inputs.pumps.applied_V
+    """Estimate and diagnosis; the levels of a detector that estimates them itself replace those of the level filter.
+
+    arrived_V : (2,) drives since the last step.
+    """
     estimate = state.estimate
     if period_s > 0.0:
         estimate = estimator.step(
             config.level_filter,
             estimate,
-            applied_V,
+            arrived_V,
             state.diagnosis.effectiveness,
             _trusted(inputs.measurement, state.diagnosis.trusted),
             min(period_s, MAX_PREDICTED_PERIODS * config.period_s),
         )
-    memory, diagnosis = config.detector.step(state.memory, t_s, inputs.measurement, estimate, applied_V)
+    memory, diagnosis = config.detector.step(state.memory, t_s, inputs.measurement, estimate, arrived_V)
+    alarms = in_bench_units(diagnosis.new_alarms, config.sensors, config.pumps)
+    if alarms is not diagnosis.new_alarms:
+        diagnosis = replace(diagnosis, new_alarms=alarms)
     if diagnosis.level_V is not None:
         k, (y1, y2, y3, y4) = config.level_filter.model.level_gain_V_cm, diagnosis.level_V
         level_cm = (y1 / k, y2 / k, y3 / k, y4 / k)

@@ -103,7 +103,7 @@ def step(
         probe, probe_events = _probe(config, probe, loop, supervision.mode, inputs, belief, period_s)
     events += loop_events + probe_events
     supervision, command = supervisor.safe_command(config.limits, supervision, loop.raw_V, config.loop.period_s)
-    record = _record(loop, supervision.mode, inputs, command.voltage_V, events, state.probe.offset_V)
+    record = _record(config, loop, supervision.mode, inputs, command.voltage_V, events, state.probe.offset_V)
     integral = _next_integral(config, loop, supervision.mode, inputs, command.voltage_V)
     if integral != loop.integral_Vs:
         loop = replace(loop, integral_Vs=integral)
@@ -136,7 +136,7 @@ def _observe(
 ) -> tuple[Monitors, Belief]:
     """One step of the monitors, and what the supervisor may assume."""
     model, diagnosis, estimate = config.limits.model, loop.diagnosis, loop.estimate
-    live = watch_readings(model, config.limits.range_V[1], monitors.live, measurement, diagnosis.trusted, now_ns)
+    live = watch_readings(model, config.limits.max_drives, monitors.live, measurement, diagnosis.trusted, now_ns)
     live_cm = live_levels_cm(live, measurement, diagnosis)
     effective_V = _effective(diagnosis, estimate.pump_V)
     outlets = live_outlets = watch(model, monitors.outlets, estimate.level_cm, effective_V, now_ns)
@@ -148,12 +148,12 @@ def _observe(
     belief = Belief(
         diagnosis=diagnosis,
         level_cm=estimate.level_cm,
-        pump_V=estimate.pump_V,
+        pump_V=_larger(estimate.pump_V, loop.under_way.largest()),
         accommodates=config.loop.reconfigure,
         open_share=_smaller(outlets.open_share, live_outlets.open_share),
         live_cm=live_cm,
         law_problem=loop.problem,
-        possible_cm=inflow.possible_cm(estimate.level_cm, diagnosis),
+        possible_cm=inflow.possible_cm(model, estimate.level_cm, diagnosis),
         is_dry=dry.is_dry,
     )
     return Monitors(outlets=outlets, live_outlets=live_outlets, live=live, inflow=inflow, dry=dry), belief
@@ -195,6 +195,10 @@ def _with_live(level_cm: Quad, live_cm: Quad) -> Quad:
     return h1, h2, h3, h4
 
 
+def _larger(first: Pair, second: Pair) -> Pair:
+    return max(first[0], second[0]), max(first[1], second[1])
+
+
 def _smaller(first: Pair, second: Pair) -> Pair:
     return min(first[0], second[0]), min(first[1], second[1])
 
@@ -225,14 +229,20 @@ def _next_integral(config: ControllerConfig, loop: LoopState, mode: Mode, inputs
     if mode.is_controlling:
         return closed_loop.integrate(config.loop, loop, inputs, command_V)
     if mode is Mode.MANUAL:
-        theta1, theta2 = loop.law.effectiveness
-        effective_V = (theta1 * command_V[0], theta2 * command_V[1])
+        (theta1, theta2), (drive1, drive2) = loop.law.effectiveness, config.loop.pumps.drive(command_V)
+        effective_V = (theta1 * drive1, theta2 * drive2)
         return state_feedback.bumpless_integral(loop.law, loop.level_cm, effective_V)
     return (0.0, 0.0) if mode in (Mode.DISARMED, Mode.READY) else loop.integral_Vs
 
 
 def _record(
-    loop: LoopState, mode: Mode, inputs: Inputs, command_V: Pair, events: tuple[Event, ...], probe_V: Pair
+    config: ControllerConfig,
+    loop: LoopState,
+    mode: Mode,
+    inputs: Inputs,
+    command_V: Pair,
+    events: tuple[Event, ...],
+    probe_V: Pair,
 ) -> TickRecord:
     law = loop.law
     return TickRecord(
@@ -242,7 +252,7 @@ def _record(
         estimated_V=loop.estimate.level_V,
         reference_V=loop.reference_V,
         target_V=law.target_V,
-        operating_V=law.operating_V,
+        operating_V=config.loop.pumps.voltage(law.operating_V),
         raw_V=loop.raw_V,
         command_V=command_V,
         applied_V=inputs.pumps.applied_V,

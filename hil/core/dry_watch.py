@@ -46,7 +46,7 @@ class DryWatch:
 def watch_dry(
     model: TankModel, watch: DryWatch, level_cm: Quad, pump_V: Pair, trusted: tuple[bool, ...], now_ns: int
 ) -> DryWatch:
-    """Update from the balance since the last step. pump_V : (2,) voltages after the lag, whatever the pumps give."""
+    """Update from the balance since the last step. pump_V : (2,) drives after the lag, whatever the pumps give."""
     h3, h4 = level_cm[2:]
     period_s = (now_ns - watch.watched_ns) * 1e-9
     is_judged = min(pump_V) >= MIN_V and trusted[2] and trusted[3]
@@ -55,9 +55,11 @@ def watch_dry(
     s, weight = sqrt(2.0 * model.gravity_cm_s2), min(period_s / SMOOTHING_S, 1.0)
     shares = []
     for pump, (tank, now_cm, before_cm) in enumerate(((3, h4, watch.level_cm[1]), (2, h3, watch.level_cm[0]))):
-        arrives = model.outlet_cm2[tank] * s * sqrt(max(now_cm, 0.0))
-        arrives += model.area_cm2[tank] * (now_cm - before_cm) / period_s
         expected = (1.0 - model.valve_split[pump]) * model.pump_gain_cm3_Vs[pump] * pump_V[pump]
+        arrives = model.outlet_cm2[tank] * s * sqrt(max(now_cm, 0.0) + model.datum_cm[tank])
+        if now_cm <= 0.0:  # a datum draws water out of an empty tank unseen: then it counts as arrived
+            arrives = min(arrives, expected)
+        arrives += model.area_cm2[tank] * (now_cm - before_cm) / period_s
         shares.append(watch.share[pump] + weight * (arrives / expected - watch.share[pump]))
     dry_s = watch.dry_s + period_s if max(shares) < MIN_SHARE else 0.0
     return DryWatch(share=(shares[0], shares[1]), dry_s=dry_s, level_cm=(h3, h4), watched_ns=now_ns)

@@ -1,7 +1,7 @@
 """Level filter: the tank model driven by the applied voltages, corrected by the readings.
 
-State: four levels in cm and the two voltages after the pump lag in V. Between readings eq. (1) predicts; a reading
-moves each level by a fixed share of its innovation, given by a time constant.
+State: four levels in cm and the two drives after the pump lag in V, see `hil.core.pumps`. Between readings eq. (1)
+predicts; a reading moves each level by a fixed share of its innovation, given by a time constant.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from hil.core.types import Measurement, Pair, Quad
 
 @dataclass(frozen=True, slots=True)
 class LevelFilter:
-    """Configuration: the tank model, the pump lag and the filter's time constant, s."""
+    """Configuration: the tank model, each pump's lag and the filter's time constant, s."""
 
     model: TankModel
-    lag_s: float
+    lag_s: Pair
     filter_s: float
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """Levels in cm and as sensor voltages, V; pump voltages after the lag, V; innovations, V, NaN without a reading."""
+    """Levels in cm and as level signals, V; drives after the lag, V; innovations, V, NaN without a reading."""
 
     level_cm: Quad
     level_V: Quad
@@ -54,7 +54,7 @@ def step(
 ) -> Estimate:
     """Predict over the last period, then correct with the readings.
 
-    applied_V : (2,) pump voltages over that period. A channel that is not valid is only predicted.
+    applied_V : (2,) drives that arrived over that period. A channel that is not valid is only predicted.
     """
     predicted, pump_V = _predict(filter_, estimate, applied_V, effectiveness, period_s)
     k = filter_.model.level_gain_V_cm
@@ -78,24 +78,29 @@ def _predict(
     filter_: LevelFilter, estimate: Estimate, applied_V: Pair, effectiveness: Pair, period_s: float
 ) -> tuple[Quad, Pair]:
     """Heun's rule on eq. (1); the lag is exact over the period, its mean voltage drives the tanks."""
-    decay = exp(-period_s / filter_.lag_s) if filter_.lag_s > 0.0 else 0.0
-    mean_share = (1.0 - decay) * filter_.lag_s / period_s if period_s > 0.0 else 0.0
+    (decay1, share1), (decay2, share2) = _lag(filter_.lag_s[0], period_s), _lag(filter_.lag_s[1], period_s)
     (p1, p2), (v1, v2), (t1, t2) = estimate.pump_V, applied_V, effectiveness
-    drive = (t1 * (v1 + (p1 - v1) * mean_share), t2 * (v2 + (p2 - v2) * mean_share))
+    drive = (t1 * (v1 + (p1 - v1) * share1), t2 * (v2 + (p2 - v2) * share2))
     h = estimate.level_cm
     first = level_rates(filter_.model, h, drive)
     second = level_rates(filter_.model, _moved(h, first, period_s, filter_.model.height_cm), drive)
     (a1, a2, a3, a4), (b1, b2, b3, b4) = first, second
     mean = ((a1 + b1) / 2.0, (a2 + b2) / 2.0, (a3 + b3) / 2.0, (a4 + b4) / 2.0)
-    return _moved(h, mean, period_s, filter_.model.height_cm), (v1 + (p1 - v1) * decay, v2 + (p2 - v2) * decay)
+    return _moved(h, mean, period_s, filter_.model.height_cm), (v1 + (p1 - v1) * decay1, v2 + (p2 - v2) * decay2)
 
 
-def _moved(level_cm: Quad, rate_cm_s: Quad, dt: float, height_cm: float) -> Quad:
-    (h1, h2, h3, h4), (r1, r2, r3, r4) = level_cm, rate_cm_s
+def _lag(lag_s: float, period_s: float) -> Pair:
+    """What is left of a gap after a period, and its mean over the period, as shares of the gap at its start."""
+    decay = exp(-period_s / lag_s) if lag_s > 0.0 else 0.0
+    return decay, (1.0 - decay) * lag_s / period_s if period_s > 0.0 else 0.0
+
+
+def _moved(level_cm: Quad, rate_cm_s: Quad, dt: float, height_cm: Quad) -> Quad:
+    (h1, h2, h3, h4), (r1, r2, r3, r4), (t1, t2, t3, t4) = level_cm, rate_cm_s, height_cm
     h1, h2, h3, h4 = h1 + dt * r1, h2 + dt * r2, h3 + dt * r3, h4 + dt * r4
     return (
-        min(max(h1, 0.0), height_cm),
-        min(max(h2, 0.0), height_cm),
-        min(max(h3, 0.0), height_cm),
-        min(max(h4, 0.0), height_cm),
+        min(max(h1, 0.0), t1),
+        min(max(h2, 0.0), t2),
+        min(max(h3, 0.0), t3),
+        min(max(h4, 0.0), t4),
     )

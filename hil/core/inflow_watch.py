@@ -16,7 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf, sqrt
 
-from hil.core.tanks import TankModel
+from hil.core.tanks import TankModel, outflows
 from hil.core.types import Diagnosis, Pair, Quad
 
 LEARN_S = 120.0
@@ -47,10 +47,11 @@ class InflowWatch:
     level_cm: Quad | None = None
     watched_ns: int = 0
 
-    def possible_cm(self, level_cm: Quad, diagnosis: Diagnosis) -> Pair:
+    def possible_cm(self, model: TankModel, level_cm: Quad, diagnosis: Diagnosis) -> Pair:
         """(2,) the levels that the lower tanks may have, in cm; -inf where nothing speaks against those given."""
         first, second = (
-            level_cm[tank] * max(self.ratio[tank] / self.learned[tank], 1.0) ** 2
+            (level_cm[tank] + model.datum_cm[tank]) * max(self.ratio[tank] / self.learned[tank], 1.0) ** 2
+            - model.datum_cm[tank]
             if diagnosis.trusted[tank] and self.ratio[tank] > MIN_RATIO * self.learned[tank] > 0.0
             else -inf
             for tank in range(2)
@@ -78,7 +79,7 @@ def watch_inflow(
 def _ratios(model: TankModel, before_cm: Quad, level_cm: Quad, effective_V: Pair, period_s: float) -> Pair:
     """(2,) inflow less change of volume, over the outflow of a clean outlet."""
     s = sqrt(2.0 * model.gravity_cm_s2)
-    out = [a * s * sqrt(max(h, 0.0)) for a, h in zip(model.outlet_cm2, level_cm, strict=True)]
+    out = outflows(model, level_cm, effective_V)
     grows = [A * (h - b) / period_s for A, h, b in zip(model.area_cm2, level_cm, before_cm, strict=True)]
     pumped = [k * v for k, v in zip(model.pump_gain_cm3_Vs, effective_V, strict=True)]
     ratios = []
@@ -87,6 +88,6 @@ def _ratios(model: TankModel, before_cm: Quad, level_cm: Quad, effective_V: Pair
         by_level = split / max(1.0 - split, 1e-3) * (out[cross] + grows[cross])  # this pump's other tank
         own = min(split * pumped[tank], by_level)
         above = min(out[upper], (1.0 - model.valve_split[other]) * pumped[other])
-        clean = model.outlet_cm2[tank] * s * sqrt(max(level_cm[tank], MIN_LEVEL_CM))
+        clean = model.outlet_cm2[tank] * s * sqrt(max(level_cm[tank], MIN_LEVEL_CM) + model.datum_cm[tank])
         ratios.append((own + above - grows[tank]) / clean)
     return ratios[0], ratios[1]

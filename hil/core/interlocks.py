@@ -15,6 +15,7 @@ from math import isfinite
 
 from hil.core.live_levels import NONE
 from hil.core.overshoot import peak_levels
+from hil.core.pumps import STRAIGHT, Pumps
 from hil.core.tanks import TankModel
 from hil.core.types import Diagnosis, Inputs, NodeState, Pair, Quad, TripCause
 
@@ -29,6 +30,7 @@ LOSSY_AGE_FACTOR = 3.0
 class Limits:
     """Configuration of the supervisor, from the rig file's [safety], [pumps], [sensors] and [tanks].
 
+    lag_s : (2,) lag and delay of each pump: for so long it still delivers after its stop. pumps : commands as drives.
     rim_margin_cm : a predicted peak must stay this far below the rim. invalid_run_max, refused_run_max,
     errors_per_s_max : an interlock is active from this number on. echo_tolerance_V, echo_mismatch_s : by how much and
     for how long the applied voltages may differ from the echoed command. dead_below : a pump with less effectiveness is
@@ -39,7 +41,7 @@ class Limits:
     rate_V_s: float
     stop_ramp_V_s: float
     model: TankModel
-    lag_s: float
+    lag_s: Pair
     level_gain_V_cm: float
     level_max_cm: float
     rim_margin_cm: float
@@ -57,16 +59,23 @@ class Limits:
     stops_on_dead_pump: bool
     stops_on_lost_lower_level: bool
     bypass_max_s: float
+    pumps: Pumps = STRAIGHT
+
+    @property
+    def max_drives(self) -> Pair:
+        """(2,) the largest drive of each pump."""
+        return self.pumps.drive((self.range_V[1], self.range_V[1]))
 
 
 @dataclass(frozen=True, slots=True)
 class Belief:
     """What the control loop estimates at this step.
 
-    level_cm : (4,) estimated levels, None before the first estimate. pump_V : (2,) what the pumps deliver, lag
-    included. accommodates : whether the law follows the diagnosis. open_share : (2,) see `overshoot.Outlets`. live_cm :
-    (4,) see `live_levels`. law_problem : why the law can't hold the outputs; "" if it can. possible_cm : (2,) of the
-    lower tanks, see `inflow_watch`; None before the first. is_dry : see `dry_watch`.
+    level_cm : (4,) estimated levels, None before the first estimate. pump_V : (2,) drives: what the pumps deliver, lag
+    included, or what is still under way to the tanks, whichever is more. accommodates : whether the law follows the
+    diagnosis. open_share : (2,) see `overshoot.Outlets`. live_cm : (4,) see `live_levels`. law_problem : why the law
+    can't hold the outputs; "" if it can. possible_cm : (2,) of the lower tanks, see `inflow_watch`; None before the
+    first. is_dry : see `dry_watch`.
     """
 
     diagnosis: Diagnosis = NO_FAULT
@@ -87,7 +96,7 @@ NO_BELIEF = Belief()
 class Situation:
     """The inputs of an interlock.
 
-    level_cm : (4,) of `levels_cm`. pump_V : (2,) the most that a pump may still deliver, as a voltage of a nominal
+    level_cm : (4,) of `levels_cm`. pump_V : (2,) the most that a pump may still deliver, as the drive of a nominal
     pump. mismatch_s : how long the applied voltages have differed from the echoed command. open_share : (2,) of the
     lower tanks' outlets. live_cm : (4,) levels of sensors that are not trusted, -inf for others. law_problem,
     possible_cm, is_dry : of the belief.
@@ -175,8 +184,11 @@ def _is_level_unknown(limits: Limits, s: Situation) -> bool:
 def _will_overflow(limits: Limits, s: Situation) -> bool:
     if max(s.level_cm) > limits.level_max_cm:
         return True
-    rim_cm = limits.model.height_cm - limits.rim_margin_cm
-    return max(peak_levels(limits.model, limits.lag_s, s.level_cm, s.pump_V, s.open_share)) > rim_cm
+    peaks_cm = peak_levels(limits.model, limits.lag_s, s.level_cm, s.pump_V, s.open_share)
+    return any(
+        peak_cm > height_cm - limits.rim_margin_cm
+        for peak_cm, height_cm in zip(peaks_cm, limits.model.height_cm, strict=True)
+    )
 
 
 def _describe_levels(s: Situation) -> str:

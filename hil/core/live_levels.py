@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from math import exp, inf, isfinite, nan, sqrt
 
 from hil.core.tanks import TankModel
-from hil.core.types import Diagnosis, Measurement, Quad
+from hil.core.types import Diagnosis, Measurement, Pair, Quad
 
 RATE_MARGIN = 1.5
 """Pumps and outlets may give this many times what the rig file says."""
@@ -43,9 +43,9 @@ class LiveLevels:
 
 
 def watch_readings(
-    model: TankModel, max_V: float, live: LiveLevels, measurement: Measurement, trusted: tuple[bool, ...], now_ns: int
+    model: TankModel, max_V: Pair, live: LiveLevels, measurement: Measurement, trusted: tuple[bool, ...], now_ns: int
 ) -> LiveLevels:
-    """Update with this step's readings. max_V : the largest voltage of a pump."""
+    """Update with this step's readings. max_V : (2,) the largest drive of each pump."""
     readings, sudden, times = list(live.reading_cm), list(live.sudden_cm), list(live.read_ns)
     rises, falls = fastest_changes(model, max_V)
     for tank in range(4):
@@ -75,14 +75,15 @@ def live_levels_cm(live: LiveLevels, measurement: Measurement, diagnosis: Diagno
     return h1, h2, h3, h4
 
 
-def fastest_changes(model: TankModel, max_V: float) -> tuple[Quad, Quad]:
+def fastest_changes(model: TankModel, max_V: Pair) -> tuple[Quad, Quad]:
     """(4,) the fastest rise and (4,) the fastest fall of each level, in cm/s.
 
     Rise: the outlet shut, all water of a pump at max_V and the outflow of a full tank above. Fall: no inflow, full.
     """
     A1, A2, A3, A4 = model.area_cm2
-    out1, out2, out3, out4 = (a * sqrt(2.0 * model.gravity_cm_s2 * model.height_cm) for a in model.outlet_cm2)
-    q1, q2 = (k * max_V for k in model.pump_gain_cm3_Vs)
+    full = zip(model.outlet_cm2, model.height_cm, model.datum_cm, strict=True)
+    out1, out2, out3, out4 = (a * sqrt(2.0 * model.gravity_cm_s2 * (h + d)) for a, h, d in full)
+    q1, q2 = model.pump_gain_cm3_Vs[0] * max_V[0], model.pump_gain_cm3_Vs[1] * max_V[1]
     m = RATE_MARGIN
     rises = (m * (q1 + out3) / A1, m * (q2 + out4) / A2, m * q2 / A3, m * q1 / A4)
     return rises, (m * out1 / A1, m * out2 / A2, m * out3 / A3, m * out4 / A4)

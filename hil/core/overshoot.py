@@ -5,6 +5,9 @@ The upper tanks still drain: tank 3 into tank 1, tank 4 into tank 2. Without inf
     A_u h_u' = -a_u sqrt(2 g h_u)                      the upper tank: sqrt(h_u) falls at a constant rate
     A_l h_l' =  a_u sqrt(2 g h_u) - a_l sqrt(2 g h_l)  the lower tank: highest where a_l^2 h_l = a_u^2 h_u
 
+An outlet at a datum has the head h + datum in place of h, and the upper tank stops draining when it is empty: the peak
+of the equations above is then an upper bound, and so is all water of the upper tank in the lower one.
+
 With w = sqrt(h_l/h_u), alpha = A_u/A_l, beta = a_l/a_u the second over the first is separable:
 
     d ln sqrt(h_u) = -w dw/(w^2 - alpha beta w + alpha),   peak at w = 1/beta
@@ -25,7 +28,7 @@ from cmath import sqrt as complex_sqrt
 from dataclasses import dataclass, replace
 from math import exp, sqrt
 
-from hil.core.tanks import TankModel
+from hil.core.tanks import TankModel, outflows
 from hil.core.types import Pair, Quad
 
 MIN_ROOT_DISTANCE = 1e-6
@@ -78,13 +81,14 @@ def watch(model: TankModel, outlets: Outlets, level_cm: Quad, pump_V: Pair, now_
     (last1, last2), (share1, share2) = outlets.level_cm, outlets.share
     A1, A2, A3, A4 = model.area_cm2
     a1, a2, a3, a4 = model.outlet_cm2
+    d1, d2, d3, d4 = model.datum_cm
     (k1, k2), (g1, g2) = model.pump_gain_cm3_Vs, model.valve_split
     s = sqrt(2.0 * model.gravity_cm_s2)
-    root3, root4 = sqrt(max(h3, 0.0)), sqrt(max(h4, 0.0))
-    left1 = a3 * s * root3 + g1 * k1 * pump_V[0] - A1 * (h1 - last1) / period_s
-    left2 = a4 * s * root4 + g2 * k2 * pump_V[1] - A2 * (h2 - last2) / period_s
-    seen1 = left1 / (a1 * s * sqrt(max(h1, MIN_LEVEL_CM)))
-    seen2 = left2 / (a2 * s * sqrt(max(h2, MIN_LEVEL_CM)))
+    _, _, out3, out4 = outflows(model, level_cm, pump_V)
+    left1 = out3 + g1 * k1 * pump_V[0] - A1 * (h1 - last1) / period_s
+    left2 = out4 + g2 * k2 * pump_V[1] - A2 * (h2 - last2) / period_s
+    seen1 = left1 / (a1 * s * sqrt(max(h1, MIN_LEVEL_CM) + d1))
+    seen2 = left2 / (a2 * s * sqrt(max(h2, MIN_LEVEL_CM) + d2))
     low, high = SHARE_RANGE
     weight = min(period_s / SMOOTHING_S, 1.0)
     share1 += weight * (min(max(seen1, low), high) - share1)
@@ -95,24 +99,35 @@ def watch(model: TankModel, outlets: Outlets, level_cm: Quad, pump_V: Pair, now_
         level_cm=(h1, h2),
         watched_ns=now_ns,
         earlier=(earlier1 + weight * (share1 - earlier1), earlier2 + weight * (share2 - earlier2)),
-        drain_s=(2.0 * A3 * root3 / (a3 * s), 2.0 * A4 * root4 / (a4 * s)),
+        drain_s=(2.0 * A3 * _root(h3, d3) / (a3 * s), 2.0 * A4 * _root(h4, d4) / (a4 * s)),
     )
 
 
-def peak_levels(model: TankModel, lag_s: float, level_cm: Quad, pump_V: Pair, open_share: Pair = (1.0, 1.0)) -> Quad:
+def _root(level_cm: float, datum_cm: float) -> float:
+    """By how much the root of the head falls until a tank is empty."""
+    return sqrt(max(level_cm, 0.0) + datum_cm) - sqrt(datum_cm)
+
+
+def peak_levels(model: TankModel, lag_s: Pair, level_cm: Quad, pump_V: Pair, open_share: Pair = (1.0, 1.0)) -> Quad:
     """(4,) the peak of each level, in cm, with the pumps stopped now.
 
-    pump_V : (2,) the most that each pump may still deliver, as a voltage. open_share : (2,) of `Outlets`.
+    lag_s : (2,) lag and delay of each pump. pump_V : (2,) the most that each pump may still deliver, as a drive.
+    open_share : (2,) of `Outlets`.
     """
     A1, A2, A3, A4 = model.area_cm2
     a1, a2, a3, a4 = model.outlet_cm2
     a1, a2 = open_share[0] * a1, open_share[1] * a2
     (k1, k2), (g1, g2) = model.pump_gain_cm3_Vs, model.valve_split
-    h1, h2, h3, h4 = level_cm
-    late1_cm3, late2_cm3 = k1 * pump_V[0] * lag_s, k2 * pump_V[1] * lag_s
+    (h1, h2, h3, h4), (d1, d2, d3, d4) = level_cm, model.datum_cm
+    late1_cm3, late2_cm3 = k1 * pump_V[0] * lag_s[0], k2 * pump_V[1] * lag_s[1]
     late3_cm3, late4_cm3 = (1.0 - g2) * late2_cm3, (1.0 - g1) * late1_cm3
-    peak1 = h1 if a3 * a3 * h3 <= a1 * a1 * h1 else drained_peak(A3 / A1, a1 / a3, h3, h1)
-    peak2 = h2 if a4 * a4 * h4 <= a2 * a2 * h2 else drained_peak(A4 / A2, a2 / a4, h4, h2)
+    head1, head2, head3, head4 = h1 + d1, h2 + d2, h3 + d3, h4 + d4
+    peak1 = h1 if a3 * a3 * head3 <= a1 * a1 * head1 else drained_peak(A3 / A1, a1 / a3, head3, head1) - d1
+    peak2 = h2 if a4 * a4 * head4 <= a2 * a2 * head2 else drained_peak(A4 / A2, a2 / a4, head4, head2) - d2
+    if d3 > 0.0:
+        peak1 = min(peak1, h1 + max(h3, 0.0) * A3 / A1)
+    if d4 > 0.0:
+        peak2 = min(peak2, h2 + max(h4, 0.0) * A4 / A2)
     return (
         peak1 + (g1 * late1_cm3 + late3_cm3) / A1,
         peak2 + (g2 * late2_cm3 + late4_cm3) / A2,

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hil.core.gain_design import GainDesign, closed_loop_poles, gain_matrix
+from hil.core.pumps import STRAIGHT, Pumps
 from hil.core.state_feedback import ControlLaw
 from hil.core.tanks import TankModel, equilibrium, linearise, nearest_reachable
 from hil.core.types import Pair
@@ -30,12 +31,16 @@ FAILURES = (ArithmeticError, ValueError, np.linalg.LinAlgError)
 
 @dataclass(frozen=True, slots=True)
 class Reconfiguration:
-    """Configuration: the model, the design, the pumps' upper limit in V, a fixed design's operating point in V."""
+    """Configuration: the model, the design, the largest drives, a fixed design's operating point, drives too, in V.
+
+    pumps : to say drives as voltages.
+    """
 
     model: TankModel
     design: GainDesign
-    limit_V: float
+    limit_V: Pair
     operating_point_V: Pair
+    pumps: Pumps = STRAIGHT
 
     def law(self, reference_V: Pair, effectiveness: Pair, valve_split: Pair | None = None) -> ControlLaw:
         """The law for a reference (2,) in V and the pumps' effectiveness (2,). Fast enough for every control step.
@@ -72,8 +77,8 @@ class Reconfiguration:
         theta = (max(effectiveness[0], MIN_EFFECTIVENESS), max(effectiveness[1], MIN_EFFECTIVENESS))
         k = model.level_gain_V_cm
         wanted_cm = (reference_V[0] / k, reference_V[1] / k)
-        effective_limit = (effectiveness[0] * self.limit_V, effectiveness[1] * self.limit_V)
-        reachable = nearest_reachable(model, wanted_cm, effective_limit)
+        effective_limit = (effectiveness[0] * self.limit_V[0], effectiveness[1] * self.limit_V[1])
+        reachable = nearest_reachable(model, wanted_cm, effective_limit, self.pumps)
         target_V = reference_V if not reachable.reason else (k * reachable.lower_cm[0], k * reachable.lower_cm[1])
         operating_V = reachable.holding_V if self.design.follows_reference else self.operating_point_V
         operating_V = (max(operating_V[0], 0.0), max(operating_V[1], 0.0))
@@ -93,7 +98,7 @@ class Reconfiguration:
     def _standby(self, model: TankModel, effectiveness: Pair, wanted_cm: Pair) -> tuple[float | None, float | None]:
         if min(effectiveness) >= MIN_EFFECTIVENESS:
             return None, None
-        v1, v2 = nearest_reachable(model, wanted_cm, (self.limit_V, self.limit_V)).holding_V
+        v1, v2 = nearest_reachable(model, wanted_cm, self.limit_V).holding_V
         return (
             v1 if effectiveness[0] < MIN_EFFECTIVENESS else None,
             v2 if effectiveness[1] < MIN_EFFECTIVENESS else None,

@@ -261,7 +261,8 @@ def _mismatches(limits: Limits, inputs: Inputs) -> bool:
 
 def _situation(limits: Limits, state: Supervision, inputs: Inputs, now_ns: int, belief: Belief) -> Situation:
     since_ns = state.mismatch_since_ns
-    (c1, c2), (a1, a2), (b1, b2) = state.command_V, inputs.pumps.applied_V, belief.pump_V
+    pumps, (b1, b2) = limits.pumps, belief.pump_V
+    (c1, c2), (a1, a2) = pumps.drive(state.command_V), pumps.drive(inputs.pumps.applied_V)
     theta1, theta2 = belief.diagnosis.effectiveness
     return Situation(
         inputs=inputs,

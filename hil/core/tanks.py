@@ -1,14 +1,17 @@
 """The four-tank process: K. H. Johansson's quadruple tank (IEEE Trans. Control Systems Technology 8(3), 2000).
 
 State h = (h1, h2, h3, h4), levels in cm: tanks 1 and 2 below, 3 above 1, 4 above 2. Input v = (v1, v2), pump
-voltages in V. Outputs y1, y2: level signals k_c h1, k_c h2 in V. Hajiani and Poshtan (2012), eq. (1):
+voltages in V; for a pump with a curve its drive, see `hil.core.pumps`. Outputs y1, y2: level signals k_c h1, k_c h2 in
+V, see `hil.core.sensors`. Hajiani and Poshtan (2012), eq. (1):
 
     A1 h1' = -a1 sqrt(2 g h1) + a3 sqrt(2 g h3) +     g1 k1 v1
     A2 h2' = -a2 sqrt(2 g h2) + a4 sqrt(2 g h4) +     g2 k2 v2
     A3 h3' = -a3 sqrt(2 g h3)                   + (1-g2) k2 v2
     A4 h4' = -a4 sqrt(2 g h4)                   + (1-g1) k1 v1
 
-g1, g2 are the valve splits. A pump with effectiveness theta_j moves theta_j k_j v_j; nothing else changes.
+g1, g2 are the valve splits. A pump with effectiveness theta_j moves theta_j k_j v_j; nothing else changes. Where an
+outlet, or the end of its hose, lies d_i below the zero of its tank (the datum), h_i + d_i takes the place of h_i as
+long as there is water; an empty tank lets out no more than flows in.
 """
 
 from __future__ import annotations
@@ -19,9 +22,13 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.core.pumps import STRAIGHT, Pumps
 from hil.core.types import Pair, Quad
 
 Array = NDArray[np.float64]
+
+NO_DATUM: Quad = (0.0, 0.0, 0.0, 0.0)
+"""Every outlet lies at the zero of its tank."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +36,7 @@ class TankModel:
     """Parameters of eq. (1), tables 1 and 2 of the paper.
 
     area_cm2, outlet_cm2 : (4,) A_i and a_i. pump_gain_cm3_Vs : (2,) k_j. valve_split : (2,) gamma_j in (0, 1).
-    level_gain_V_cm : k_c. height_cm : of every tank. gravity_cm_s2 : g.
+    level_gain_V_cm : k_c of the level signals. height_cm : (4,) of the rims. gravity_cm_s2 : g. datum_cm : (4,) d_i.
     """
 
     area_cm2: Quad = (28.0, 32.0, 28.0, 32.0)
@@ -37,8 +44,9 @@ class TankModel:
     pump_gain_cm3_Vs: Pair = (3.33, 3.35)
     valve_split: Pair = (0.70, 0.60)
     level_gain_V_cm: float = 0.5
-    height_cm: float = 20.0
+    height_cm: Quad = (20.0, 20.0, 20.0, 20.0)
     gravity_cm_s2: float = 981.0
+    datum_cm: Quad = (0.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,17 +74,11 @@ def pump_matrix(model: TankModel) -> Array:
 
 
 def level_rates(model: TankModel, level_cm: Quad, pump_V: Pair) -> Quad:
-    """Eq. (1): dh/dt in cm/s. An empty tank gives no outflow; pump_V is the *effective* voltage theta_j v_j."""
+    """Eq. (1): dh/dt in cm/s. pump_V is the *effective* voltage theta_j v_j."""
     A1, A2, A3, A4 = model.area_cm2
-    a1, a2, a3, a4 = model.outlet_cm2
     (k1, k2), (g1, g2) = model.pump_gain_cm3_Vs, model.valve_split
-    h1, h2, h3, h4 = level_cm
     q1, q2 = k1 * pump_V[0], k2 * pump_V[1]
-    s = sqrt(2.0 * model.gravity_cm_s2)
-    out1 = a1 * s * sqrt(h1) if h1 > 0.0 else 0.0
-    out2 = a2 * s * sqrt(h2) if h2 > 0.0 else 0.0
-    out3 = a3 * s * sqrt(h3) if h3 > 0.0 else 0.0
-    out4 = a4 * s * sqrt(h4) if h4 > 0.0 else 0.0
+    out1, out2, out3, out4 = outflows(model, level_cm, pump_V)
     return (
         (out3 - out1 + g1 * q1) / A1,
         (out4 - out2 + g2 * q2) / A2,
@@ -85,8 +87,32 @@ def level_rates(model: TankModel, level_cm: Quad, pump_V: Pair) -> Quad:
     )
 
 
+def outflows(model: TankModel, level_cm: Quad, pump_V: Pair) -> Quad:
+    """(4,) what flows out of each tank, cm^3/s; an empty one lets out what flows in, as far as its datum draws it."""
+    a1, a2, a3, a4 = model.outlet_cm2
+    d1, d2, d3, d4 = model.datum_cm
+    h1, h2, h3, h4 = level_cm
+    s = sqrt(2.0 * model.gravity_cm_s2)
+    out3 = a3 * s * sqrt(h3 + d3) if h3 > 0.0 else 0.0
+    out4 = a4 * s * sqrt(h4 + d4) if h4 > 0.0 else 0.0
+    out1 = a1 * s * sqrt(h1 + d1) if h1 > 0.0 else 0.0
+    out2 = a2 * s * sqrt(h2 + d2) if h2 > 0.0 else 0.0
+    if model.datum_cm != NO_DATUM and min(level_cm) <= 0.0:
+        (k1, k2), (g1, g2) = model.pump_gain_cm3_Vs, model.valve_split
+        q1, q2 = k1 * pump_V[0], k2 * pump_V[1]
+        if h3 <= 0.0:
+            out3 = min(a3 * s * sqrt(d3), (1.0 - g2) * q2)
+        if h4 <= 0.0:
+            out4 = min(a4 * s * sqrt(d4), (1.0 - g1) * q1)
+        if h1 <= 0.0:
+            out1 = min(a1 * s * sqrt(d1), out3 + g1 * q1)
+        if h2 <= 0.0:
+            out2 = min(a2 * s * sqrt(d2), out4 + g2 * q2)
+    return out1, out2, out3, out4
+
+
 def through_flow_matrix(model: TankModel) -> Array:
-    """(4, 2) M with a_i sqrt(2 g h_i) = M v at rest: the lower tanks pass on what the upper ones let through."""
+    """(4, 2) M with a_i sqrt(2 g (h_i + d_i)) = M v at rest: lower tanks pass on what the upper ones let through."""
     inflow = pump_matrix(model)
     return np.array([inflow[0] + inflow[2], inflow[1] + inflow[3], inflow[2], inflow[3]])
 
@@ -94,12 +120,13 @@ def through_flow_matrix(model: TankModel) -> Array:
 def equilibrium(model: TankModel, pump_V: Pair) -> Quad:
     """Levels in cm at which constant effective pump voltages hold the tanks: eq. (1) with dh/dt = 0.
 
-    Raises ValueError for a negative voltage.
+    A tank whose datum draws out more than flows in is empty. Raises ValueError for a negative voltage.
     """
     if min(pump_V) < 0.0:
         raise ValueError(f"pump voltages {pump_V} V: no equilibrium below 0 V")
     flow = through_flow_matrix(model) @ np.array(pump_V)
-    h1, h2, h3, h4 = ((flow / np.array(model.outlet_cm2)) ** 2 / (2.0 * model.gravity_cm_s2)).tolist()
+    heads_cm = (flow / np.array(model.outlet_cm2)) ** 2 / (2.0 * model.gravity_cm_s2)
+    h1, h2, h3, h4 = np.maximum(heads_cm - np.array(model.datum_cm), 0.0).tolist()
     return (h1, h2, h3, h4)
 
 
@@ -113,7 +140,8 @@ def holding_voltages(model: TankModel, lower_cm: Pair) -> Pair:
     if h1 < 0.0 or h2 < 0.0:
         raise ValueError(f"lower levels {lower_cm} cm: below 0 cm")
     s = sqrt(2.0 * model.gravity_cm_s2)
-    f1, f2 = model.outlet_cm2[0] * s * sqrt(h1), model.outlet_cm2[1] * s * sqrt(h2)
+    d1, d2 = model.datum_cm[:2]
+    f1, f2 = model.outlet_cm2[0] * s * sqrt(h1 + d1), model.outlet_cm2[1] * s * sqrt(h2 + d2)
     (k1, k2), (g1, g2) = model.pump_gain_cm3_Vs, model.valve_split
     split = g1 + g2 - 1.0
     if abs(split) < 1e-9:
@@ -122,11 +150,12 @@ def holding_voltages(model: TankModel, lower_cm: Pair) -> Pair:
 
 
 def linearise(model: TankModel, level_cm: Quad) -> LinearModel:
-    """Eq. (2) and (3) at any levels above 0 cm (ValueError otherwise): T_i = A_i/a_i sqrt(2 h_i/g)."""
+    """Eq. (2) and (3) at any levels above 0 cm (ValueError otherwise): T_i = A_i/a_i sqrt(2 (h_i + d_i)/g)."""
     if min(level_cm) <= 0.0:
         raise ValueError(f"levels {level_cm} cm: an empty tank has no linear model")
     area = np.array(model.area_cm2)
-    decay = np.array(model.outlet_cm2) / area * np.sqrt(model.gravity_cm_s2 / (2.0 * np.array(level_cm)))
+    heads_cm = np.array(level_cm) + np.array(model.datum_cm)
+    decay = np.array(model.outlet_cm2) / area * np.sqrt(model.gravity_cm_s2 / (2.0 * heads_cm))
     A = np.diag(-decay)
     A[0, 2] = area[2] / area[0] * decay[2]
     A[1, 3] = area[3] / area[1] * decay[3]
@@ -167,29 +196,32 @@ class ReachableTarget:
     reason: str
 
 
-def nearest_reachable(model: TankModel, lower_cm: Pair, limit_V: Pair) -> ReachableTarget:
+def nearest_reachable(model: TankModel, lower_cm: Pair, limit_V: Pair, pumps: Pumps = STRAIGHT) -> ReachableTarget:
     """The lower levels nearest to the wanted ones that effective voltages within 0..limit_V can hold.
 
     The reachable set is the image of a rectangle of voltages. A wanted point outside is nearest to the image of
     one of its four edges; along an edge the squared distance is a quartic in the free voltage, so the candidates
-    are the roots of a cubic and the corners: exact, no iteration.
+    are the roots of a cubic and the corners: exact, no iteration. Where a datum would leave a lower tank empty, the
+    distance is that of the level below zero that its equation gives. pumps : to say drives as voltages.
     """
     v1, v2 = holding_voltages(model, lower_cm)
     tolerance = 1e-9
     too = []
-    for pump, voltage, limit in ((1, v1, limit_V[0]), (2, v2, limit_V[1])):
-        if voltage > limit + tolerance:
-            too.append(f"pump {pump} would need {voltage:.2f} V of {limit:.2f} V")
-        elif voltage < -tolerance:
-            too.append(f"pump {pump} would need {voltage:.2f} V, below 0 V")
+    shown, shown_limit = pumps.voltage((v1, v2)), pumps.voltage(limit_V)
+    for pump, drive, voltage in ((0, v1, shown[0]), (1, v2, shown[1])):
+        if drive > limit_V[pump] + tolerance:
+            too.append(f"pump {pump + 1} would need {voltage:.2f} V of {shown_limit[pump]:.2f} V")
+        elif drive < -tolerance:
+            too.append(f"pump {pump + 1} would need {voltage:.2f} V, below 0 V")
     if not too:
         return ReachableTarget(lower_cm=lower_cm, holding_V=(v1, v2), reason="")
     flow = through_flow_matrix(model)[:2] / (np.array(model.outlet_cm2[:2])[:, None] * sqrt(2.0 * model.gravity_cm_s2))
+    heads_cm = (lower_cm[0] + model.datum_cm[0], lower_cm[1] + model.datum_cm[1])
     best, best_distance = (0.0, 0.0), float("inf")
     for fixed in (0, 1):
         free = 1 - fixed
         for edge in (0.0, limit_V[fixed]):
-            lines = [(float(flow[i, fixed] * edge), float(flow[i, free]), lower_cm[i]) for i in (0, 1)]
+            lines = [(float(flow[i, fixed] * edge), float(flow[i, free]), heads_cm[i]) for i in (0, 1)]
             for candidate in (0.0, limit_V[free], *_stationary(lines, limit_V[free])):
                 value = sum(((p + q * candidate) ** 2 - h) ** 2 for p, q, h in lines)
                 if value < best_distance:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from hil.core.pumps import Pumps
+from hil.core.sensors import Sensors
 from hil.core.tanks import TankModel, level_rates, pump_matrix
 from hil.core.types import Pair, Quad
 from hil.probe.bus_probe import Probe
@@ -43,7 +45,6 @@ class Ramp:
     start_cm: Quad
     end_cm: Quad
     duration_s: float
-    lag_s: float
 
 
 def ramp_voltage(t_s: float) -> float:
@@ -55,30 +56,32 @@ def ramp_voltage(t_s: float) -> float:
 TOTAL_S = 2 * RISE_S + HOLD_S
 
 
-def run(probe: Probe, pump: int, level_gain_V_cm: float, lag_s: float) -> Ramp:
+def run(probe: Probe, pump: int, sensors: Sensors) -> Ramp:
     """Ramp one pump; afterwards, or if an error is raised, command 0 V and disabled."""
-    start_cm = levels_cm(probe.listen(REST_S), level_gain_V_cm)
+    start_cm = levels_cm(probe.listen(REST_S), sensors)
     begin_ns = probe.now_ns
     try:
         probe.drive(lambda t_s: (ramp_voltage(t_s), 0.0) if pump == 0 else (0.0, ramp_voltage(t_s)), TOTAL_S)
     finally:
         probe.command()
     end_ns = probe.now_ns
-    end_cm = levels_cm(probe.listen(REST_S), level_gain_V_cm)
+    end_cm = levels_cm(probe.listen(REST_S), sensors)
     whole = probe.listener.observed(begin_ns, end_ns)
-    return Ramp(pump, whole, start_cm, end_cm, (end_ns - begin_ns) * 1e-9 + REST_S, lag_s)
+    return Ramp(pump, whole, start_cm, end_cm, (end_ns - begin_ns) * 1e-9 + REST_S)
 
 
-def levels_cm(observation: Observation, level_gain_V_cm: float) -> Quad:
+def levels_cm(observation: Observation, sensors: Sensors) -> Quad:
     """Means of the newest readings in cm; NaN if there are none."""
-    means = []
+    means_V = []
     for name, tanks in LEVEL_FRAMES.items():
         newest = observation.of(name)[-SAMPLES:]
         for tank in tanks:
             total_V = sum(arrival.values[f"Level{tank}"] for arrival in newest)
-            means.append(total_V / len(newest) / level_gain_V_cm if newest else float("nan"))
-    h1, h2, h3, h4 = means
-    return (h1, h2, h3, h4)
+            means_V.append(total_V / len(newest) if newest else float("nan"))
+    v1, v2, v3, v4 = means_V
+    y1, y2, y3, y4 = sensors.signals((v1, v2, v3, v4))
+    k = sensors.signal_gain
+    return y1 / k, y2 / k, y3 / k, y4 / k
 
 
 def may_move(level_cm: Quad, level_max_cm: float) -> bool:
@@ -86,9 +89,9 @@ def may_move(level_cm: Quad, level_max_cm: float) -> bool:
     return all(level < level_max_cm - HEADROOM_CM for level in level_cm)
 
 
-def check_ramp(ramp: Ramp, model: TankModel, tolerance_V: float) -> list[Result]:
-    """Applied voltage and level response. tolerance_V : safety.echo_tolerance_V."""
-    return [_check_applied(ramp, tolerance_V), *_check_response(ramp, model)]
+def check_ramp(ramp: Ramp, model: TankModel, pumps: Pumps, lag_s: float, tolerance_V: float) -> list[Result]:
+    """Applied voltage and level response. lag_s : of the pump. tolerance_V : safety.echo_tolerance_V."""
+    return [_check_applied(ramp, tolerance_V), *_check_response(ramp, model, pumps, lag_s)]
 
 
 def unchecked(why: str, advice: str) -> list[Result]:
@@ -116,9 +119,9 @@ def _check_applied(ramp: Ramp, tolerance_V: float) -> Result:
     return passed(check, found)
 
 
-def _check_response(ramp: Ramp, model: TankModel) -> list[Result]:
+def _check_response(ramp: Ramp, model: TankModel, pumps: Pumps, lag_s: float) -> list[Result]:
     """The two tanks that the pump feeds."""
-    driven, drained = (_predicted(ramp, model, scale) for scale in (1.0, 0.0))
+    driven, drained = (_predicted(ramp, model, pumps, lag_s, scale) for scale in (1.0, 0.0))
     feeds = pump_matrix(model)[:, ramp.pump]
     results = []
     for tank in range(4):
@@ -140,13 +143,14 @@ def _check_response(ramp: Ramp, model: TankModel) -> list[Result]:
     return results
 
 
-def _predicted(ramp: Ramp, model: TankModel, scale: float) -> Quad:
-    """Levels at the end of the ramp by eq. (1), the pump's lag included."""
+def _predicted(ramp: Ramp, model: TankModel, pumps: Pumps, lag_s: float, scale: float) -> Quad:
+    """Levels at the end of the ramp by eq. (1), the pump's curve, delay and lag included."""
     h1, h2, h3, h4 = ramp.start_cm
     flow_V, t_s = 0.0, 0.0
     while t_s < ramp.duration_s:
-        wanted_V = scale * ramp_voltage(t_s)
-        flow_V += (wanted_V - flow_V) * (min(1.0, DT_S / ramp.lag_s) if ramp.lag_s > 0.0 else 1.0)
+        at_pump_V = scale * ramp_voltage(t_s - pumps.delay_s[ramp.pump])
+        wanted_V = pumps.drive((at_pump_V, at_pump_V))[ramp.pump]
+        flow_V += (wanted_V - flow_V) * (min(1.0, DT_S / lag_s) if lag_s > 0.0 else 1.0)
         pump_V: Pair = (flow_V, 0.0) if ramp.pump == 0 else (0.0, flow_V)
         r1, r2, r3, r4 = level_rates(model, (h1, h2, h3, h4), pump_V)
         h1, h2 = max(h1 + r1 * DT_S, 0.0), max(h2 + r2 * DT_S, 0.0)

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from hil.core.pumps import Pumps
+from hil.core.sensors import Sensors
 from hil.core.tanks import TankModel
-from hil.core.types import NodeState, Pair
+from hil.core.types import NodeState, Pair, Quad
 from hil.doctor import check_echo, check_ramp, check_watchdog
 from hil.doctor.check_frames import check_foreign_traffic, check_frames
 from hil.doctor.check_nodes import check_nodes, is_free
@@ -21,14 +23,18 @@ from hil.probe.result import Result, failed, has_failed, not_checked
 
 @dataclass(frozen=True, slots=True)
 class Expectations:
-    """The rig file's values for the bench. pump_range_V, rate_V_s : of commands. lag_s : of the pumps."""
+    """The rig file's values for the bench.
+
+    lag_s : (2,) of the pumps. pumps : from voltages to what arrives at the tanks. sensors : from readings to levels.
+    rate_V_s : of commands. noise_V : (4,) of a reading.
+    """
 
     model: TankModel
-    lag_s: float
-    pump_range_V: Pair
+    lag_s: Pair
+    pumps: Pumps
+    sensors: Sensors
     rate_V_s: float
-    sensor_range_V: Pair
-    noise_V: float
+    noise_V: Quad
     level_max_cm: float
     errors_per_s_max: int
     echo_age_max_s: float
@@ -43,7 +49,7 @@ def examine(probe: Probe, wants: Expectations, seconds: float, *, with_pumps: bo
         results += check_foreign_traffic(observation, wants.errors_per_s_max)
         results += check_nodes(observation)
         results += check_frames(observation)
-        results += check_sensors(observation, wants.sensor_range_V, wants.noise_V, wants.model)
+        results += check_sensors(observation, wants.sensors, wants.noise_V, wants.model)
         _command(probe, wants, observation, results)
         if with_pumps:
             _move(probe, wants, results)
@@ -82,13 +88,17 @@ def _move(probe: Probe, wants: Expectations, results: list[Result]) -> None:
             results += check_ramp.unchecked("the pump node is not ready", "clear its trip first: hil run --clear-trip")
             return
         top_V, rate_V_s = check_ramp.TOP_V, check_ramp.TOP_V / check_ramp.RISE_S
-        if not wants.pump_range_V[0] <= top_V <= wants.pump_range_V[1] or rate_V_s > wants.rate_V_s:
+        if not wants.pumps.range_V[0] <= top_V <= wants.pumps.range_V[1] or rate_V_s > wants.rate_V_s:
             why = f"a ramp to {top_V:g} V at {rate_V_s:g} V/s is beyond pumps.range_V or rate_V_s of rig.toml"
             results += check_ramp.unchecked(why, "")
             return
-        level_cm = check_ramp.levels_cm(probe.listen(check_ramp.REST_S), wants.model.level_gain_V_cm)
+        if wants.pumps.drive((top_V, top_V))[pump] <= 0.0:
+            why = f"a ramp to {top_V:g} V does not leave pumps.dead_zone_V of rig.toml"
+            results += check_ramp.unchecked(why, "")
+            return
+        level_cm = check_ramp.levels_cm(probe.listen(check_ramp.REST_S), wants.sensors)
         if not check_ramp.may_move(level_cm, wants.level_max_cm):
             results += check_ramp.unchecked("a tank is nearly full", "let it drain first")
             return
-        done = check_ramp.run(probe, pump, wants.model.level_gain_V_cm, wants.lag_s)
-        results += check_ramp.check_ramp(done, wants.model, wants.echo_tolerance_V)
+        done = check_ramp.run(probe, pump, wants.sensors)
+        results += check_ramp.check_ramp(done, wants.model, wants.pumps, wants.lag_s[pump], wants.echo_tolerance_V)

@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from hil.core.sensors import signal_gain
 from hil.core.types import Mode
 from hil.edge.record.run_folder import Manifest, RunFolder, RunFolderError, RunPlan, Window, write_atomically
 from hil.review.alarms import Injected, injected, judge, merged
@@ -138,9 +139,9 @@ def evaluate(manifest: Manifest, ticks: Ticks, events: Sequence[LoggedEvent], sp
 
 
 def level_gain(settings: Mapping[str, Any]) -> float:
-    """Level voltage per level in V/cm, from the merged settings; raises RunFolderError when it is missing."""
+    """Level signal per level in V/cm, from the merged settings; raises RunFolderError when it is missing."""
     try:
-        return float(settings["rig"]["sensors"]["gain_V_cm"])
+        return signal_gain(settings["rig"]["sensors"]["gain_V_cm"])
     except (KeyError, TypeError, ValueError) as error:
         raise RunFolderError("run.json's settings have no rig.sensors.gain_V_cm") from error
 
@@ -221,8 +222,12 @@ def _window_iae(ticks: Ticks, level_V: Floats, window: Window, period_s: float) 
 
 def _overflow(ticks: Ticks, settings: Mapping[str, Any], gain_V_cm: float) -> Known:
     height_cm = settings["rig"].get("tanks", {}).get("height_cm")
-    peaks_cm = [peak for peak in _level_peaks(ticks, gain_V_cm) if peak is not None]
-    return None if height_cm is None or not peaks_cm else max(peaks_cm) >= height_cm - HEIGHT_TOLERANCE_CM
+    if height_cm is None:
+        return None
+    heights_cm = [height_cm] * 4 if isinstance(height_cm, int | float) else height_cm
+    peaks_cm = zip(_level_peaks(ticks, gain_V_cm), heights_cm, strict=True)
+    known = [peak >= height - HEIGHT_TOLERANCE_CM for peak, height in peaks_cm if peak is not None]
+    return any(known) if known else None
 
 
 def _applied_out_of_range(ticks: Ticks, settings: Mapping[str, Any]) -> Known:

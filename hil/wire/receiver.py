@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 from math import inf, nan
 
+from hil.core.sensors import Sensors
 from hil.core.types import BusHealth, Measurement, NodeHealth, NodeState, Pair, PumpFeedback
 from hil.wire.command_sender import CommandSender
 from hil.wire.contract import Contract, Decoded
@@ -114,8 +115,14 @@ class Beat:
 class Receiver:
     """Checks and decodes the bench's frames; holds the inputs of the next control step."""
 
-    def __init__(self, contract: Contract, sender: CommandSender, sensor_range_V: Pair) -> None:
-        """sensor_range_V : readings outside it are not valid, even if the node reports them as valid."""
+    def __init__(
+        self, contract: Contract, sender: CommandSender, sensor_range_V: Pair, sensors: Sensors | None = None
+    ) -> None:
+        """sensor_range_V : readings outside it are not valid, even if the node reports them as valid.
+
+        sensors : what the readings mean; None: level signals are the readings.
+        """
+        self._sensors = sensors or Sensors()
         self._checks = tuple(FrameCheck(spec) for spec in contract.frames.values())
         self._fingerprint = contract.fingerprint
         self._sender = sender
@@ -197,13 +204,13 @@ class Receiver:
         beat.received_ns = received_ns
 
     def measurement(self, now_ns: int) -> Measurement:
-        """The levels for the step at now_ns; resets the sums."""
+        """The level signals for the step at now_ns; resets the sums. All checks are those of the readings."""
         lower, upper = self._lower, self._upper
         readings = min(lower.frames, upper.frames)
         (y1, y2), (s1, s2), (j1, j2) = lower.summary()
         (y3, y4), (s3, s4), (j3, j4) = upper.summary()
         (bad1, bad2), (bad3, bad4) = lower.invalid_run, upper.invalid_run
-        return Measurement(
+        measurement = Measurement(
             (y1, y2, y3, y4),
             (bad1 == 0, bad2 == 0, bad3 == 0, bad4 == 0),
             _age_s(now_ns, lower, upper),
@@ -213,6 +220,7 @@ class Receiver:
             (*lower.repeats, *upper.repeats),
             (bad1, bad2, bad3, bad4),
         )
+        return self._sensors.level_signals(measurement)
 
     def pumps(self, now_ns: int) -> PumpFeedback:
         """The pump node's newest status."""

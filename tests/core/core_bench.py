@@ -54,7 +54,7 @@ def rig_design() -> RigDesign:
 
 
 def reconfiguration(design: CalibratedDesign | None = None, limit_V: float = 10.0) -> Reconfiguration:
-    return Reconfiguration(BENCH, design or rig_design(), limit_V, (3.0, 3.0))
+    return Reconfiguration(BENCH, design or rig_design(), (limit_V, limit_V), (3.0, 3.0))
 
 
 CALIBRATED = CalibratedDesign()
@@ -63,7 +63,7 @@ LIMITS = Limits(
     rate_V_s=20.0,
     stop_ramp_V_s=20.0,
     model=BENCH,
-    lag_s=0.2,
+    lag_s=(0.2, 0.2),
     level_gain_V_cm=0.5,
     level_max_cm=19.0,
     rim_margin_cm=0.5,
@@ -124,7 +124,7 @@ def bench_loop(
     loop = LoopConfig(
         reconfiguration=reconfiguration(design),
         detector=NoDetector(),
-        level_filter=LevelFilter(BENCH, lag_s=0.0, filter_s=0.5),
+        level_filter=LevelFilter(BENCH, lag_s=(0.0, 0.0), filter_s=0.5),
         references=references or ((0.0, (0.5 * h1, 0.5 * h2)),),
         reconfigure=True,
         period_s=PERIOD_S,

@@ -19,7 +19,7 @@ ALL, NONE = (True,) * 4, (False,) * 4
 
 
 def filter_with(lag_s: float = 0.0, filter_s: float = 0.5) -> estimator.LevelFilter:
-    return LevelFilter(BENCH, lag_s, filter_s)
+    return LevelFilter(BENCH, (lag_s, lag_s), filter_s)
 
 
 def started(
@@ -173,7 +173,7 @@ def test_a_predicted_level_does_not_pass_the_rim(levels: Quad, period_s: float) 
     blind = measurement((math.nan,) * 4, valid=NONE, readings=0)
     for _ in range(20):
         estimate = estimator.step(filter_, estimate, (50.0, 50.0), HEALTHY, blind, period_s)
-        assert max(estimate.level_cm) <= BENCH.height_cm
+        assert max(estimate.level_cm) <= BENCH.height_cm[0]
 
 
 def test_full_tanks_stay_full_at_the_rim() -> None:

@@ -139,8 +139,10 @@ def config(detector: FaultDetector, steps: tuple[tuple[float, float], ...]) -> L
     for at_s, change_V in steps:
         reference = (reference[0] + change_V, reference[1] + change_V)
         schedule.append((at_s, reference))
-    reconfiguration = Reconfiguration(MODEL, DESIGN, 10.0, (3.0, 3.0))
-    return LoopConfig(reconfiguration, detector, LevelFilter(MODEL, 0.2, 0.5), tuple(schedule), True, PERIOD_S, 5.0)
+    reconfiguration = Reconfiguration(MODEL, DESIGN, (10.0, 10.0), (3.0, 3.0))
+    return LoopConfig(
+        reconfiguration, detector, LevelFilter(MODEL, (0.2, 0.2), 0.5), tuple(schedule), True, PERIOD_S, 5.0
+    )
 
 
 def play(

@@ -120,7 +120,7 @@ def test_the_states_stay_within_their_limits() -> None:
     x[OUTLET : OUTLET + 4] = -1.0, -0.01, 0.0, 3.0
     x[LAG : LAG + 2], x[SPLIT : SPLIT + 2] = (0.0, 99.0), (-1.0, 9.0)
     _limit(FILTER_MODEL, x)
-    assert list(x[0:4]) == [0.0, 5.0, MODEL.height_cm, 0.0]
+    assert list(x[0:4]) == [0.0, 5.0, MODEL.height_cm[2], 0.0]
     assert list(x[OUTLET : OUTLET + 4]) == [-0.02, -0.01, 0.0, 3.0]
     assert list(x[LAG : LAG + 2]) == [0.05, 75.0]
     assert list(x[SPLIT : SPLIT + 2] * MODEL.valve_split) == pytest.approx([0.01 * MODEL.valve_split[0], 0.99])

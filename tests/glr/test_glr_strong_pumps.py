@@ -55,4 +55,4 @@ def test_a_stuck_pump_is_found_and_its_size_lies_within_its_range(stuck_V: float
     assert all(0.0 <= alarm.size <= 10.0 for alarm in stuck)
     assert stuck[0].size == pytest.approx(stuck_V, rel=0.1, abs=0.1)
     assert not_none(stuck[0].isolated_s) - AT_S < 12.0
-    assert max(2.0 * level[0] for level in log.true_V) < MODEL.height_cm
+    assert max(2.0 * level[0] for level in log.true_V) < MODEL.height_cm[0]

@@ -159,9 +159,9 @@ def config(**changes: Any) -> ControllerConfig:
     at = linearise(BENCH, equilibrium(BENCH, (3.0, 3.0)))
     design = choose_rig_design(at, RIG["control"]["output_poles"], RIG["control"]["noise_gain_max"])
     loop = LoopConfig(
-        reconfiguration=Reconfiguration(BENCH, design, 10.0, (3.0, 3.0)),
+        reconfiguration=Reconfiguration(BENCH, design, (10.0, 10.0), (3.0, 3.0)),
         detector=NoDetector(),
-        level_filter=LevelFilter(BENCH, lag_s=0.2, filter_s=0.5),
+        level_filter=LevelFilter(BENCH, lag_s=(0.2, 0.2), filter_s=0.5),
         references=((0.0, pair(REST_V[:2])),),
         reconfigure=True,
         period_s=PERIOD_S,

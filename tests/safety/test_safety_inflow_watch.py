@@ -51,7 +51,7 @@ def test_at_rest_the_ratio_is_that_of_a_clean_outlet_and_is_learned_after_two_mi
     assert young.learned == (0.0, 0.0)
     assert old.learned == old.ratio
     assert old.age_s == LEARN_S
-    assert young.possible_cm((12.0, 13.0, 1.0, 1.0), HEALTHY) == NOTHING
+    assert young.possible_cm(BENCH, (12.0, 13.0, 1.0, 1.0), HEALTHY) == NOTHING
 
 
 @pytest.mark.parametrize("tank", [0, 1])
@@ -69,10 +69,10 @@ def test_more_and_more_water_for_the_same_reading_means_a_level_that_may_be_high
     watch = watched(rising, held, seconds=2000.0)
     true_cm = equilibrium(BENCH, (3.5, 3.5))
     shown = held(0.0, true_cm)
-    possible = watch.possible_cm(shown, HEALTHY)
+    possible = watch.possible_cm(BENCH, shown, HEALTHY)
     assert possible[tank] == pytest.approx(true_cm[tank], abs=0.7)
     assert possible[1 - tank] == -inf
-    assert watch.possible_cm(shown, Diagnosis(trusted=doubted(tank))) == NOTHING
+    assert watch.possible_cm(BENCH, shown, Diagnosis(trusted=doubted(tank))) == NOTHING
 
 
 @pytest.mark.parametrize("pump", [0, 1])
@@ -102,7 +102,7 @@ def test_an_error_of_the_rig_file_is_learned() -> None:
     watch = watched(lambda _: (wider, (2.4, 2.4)), seconds=400.0)
     assert min(watch.ratio) > 0.8
     assert watch.ratio == pytest.approx(watch.learned, abs=0.05)
-    assert watch.possible_cm((12.0, 13.0, 1.0, 1.0), HEALTHY) == NOTHING
+    assert watch.possible_cm(BENCH, (12.0, 13.0, 1.0, 1.0), HEALTHY) == NOTHING
 
 
 def test_what_the_diagnosis_names_is_learned_again() -> None:
@@ -123,5 +123,5 @@ def test_one_step_counts_for_little_and_a_small_increase_for_nothing() -> None:
         assert after.ratio == pytest.approx((1.0 + (extreme - 1.0) / SMOOTHING_S,) * 2)
     small, large = MIN_RATIO - 1e-6, MIN_RATIO + 1e-6
     watch = replace(before, ratio=(small, large))
-    assert watch.possible_cm(level, HEALTHY) == pytest.approx((-inf, 12.1), abs=1e-4)
-    assert replace(watch, ratio=(0.5, 0.5)).possible_cm(level, HEALTHY) == NOTHING
+    assert watch.possible_cm(BENCH, level, HEALTHY) == pytest.approx((-inf, 12.1), abs=1e-4)
+    assert replace(watch, ratio=(0.5, 0.5)).possible_cm(BENCH, level, HEALTHY) == NOTHING

@@ -260,7 +260,7 @@ def test_a_tank_that_would_still_rise_to_the_rim_trips_before_its_level_does(sid
 @pytest.mark.parametrize("tank", [2, 3])
 def test_a_peak_just_at_the_margin_is_good(tank: int) -> None:
     idle = but(HEALTHY, "pumps", applied_V=(0.0, 0.0))
-    limits = replace(LIMITS, level_max_cm=20.0, lag_s=0.0)
+    limits = replace(LIMITS, level_max_cm=20.0, lag_s=(0.0, 0.0))
     levels = [9.0] * 4
     for volts, cause in ((9.75 - JUST, None), (9.75, None), (9.75 + JUST, TripCause.HIGH_LEVEL)):
         levels[tank] = volts
@@ -272,7 +272,7 @@ def test_what_the_pumps_still_deliver_counts_whoever_says_so() -> None:
     """Command, applied voltage and the lagging flow: the largest of them is on its way."""
     brim = but(standing_at(2.0, 18.9), "pumps", applied_V=(0.0, 0.0))
     off = replace(RUNNING, command_V=(0.0, 0.0))
-    tight = replace(LIMITS, rim_margin_cm=0.9, lag_s=5.0)
+    tight = replace(LIMITS, rim_margin_cm=0.9, lag_s=(5.0, 5.0))
     assert cause_of(brim, state=off, limits=tight) is None
     assert cause_of(brim, state=replace(off, command_V=(0.0, 3.0)), limits=tight) is TripCause.HIGH_LEVEL
     assert cause_of(but(brim, "pumps", applied_V=(0.0, 3.0)), state=off, limits=tight) is TripCause.HIGH_LEVEL

@@ -25,7 +25,7 @@ from tests.safety.safety_bench import ALL, BENCH, HEALTHY, REST_CM, REST_V, doub
 
 SECOND = 1_000_000_000
 DT_NS = SECOND // 10
-MAX_V = 10.0
+MAX_V = (10.0, 10.0)
 QUIET = (1e-12,) * 4
 
 
@@ -61,7 +61,7 @@ def test_the_fastest_changes_are_those_of_a_shut_outlet_and_of_no_inflow() -> No
     assert falls == pytest.approx((1.5 * a1 / 28, 1.5 * a2 / 32, 1.5 * a1 / 28, 1.5 * a2 / 32), rel=1e-12)
     other = TankModel(outlet_cm2=(0.01, 0.02, 0.03, 0.04), area_cm2=(10.0, 20.0, 30.0, 40.0))
     out = [a * math.sqrt(2 * 981 * 20) for a in other.outlet_cm2]
-    rises, falls = fastest_changes(other, 1.0)
+    rises, falls = fastest_changes(other, (1.0, 1.0))
     assert rises == pytest.approx(
         (1.5 * (3.33 + out[2]) / 10, 1.5 * (3.35 + out[3]) / 20, 1.5 * 3.35 / 30, 1.5 * 3.33 / 40), rel=1e-12
     )

@@ -53,7 +53,7 @@ LEVELS = st.tuples(*[st.floats(0.01, 20.0)] * 4)
 @settings(max_examples=25, deadline=None)
 @given(MODELS, LEVELS)
 def test_without_lag_the_peak_is_that_of_the_equations(model: TankModel, level_cm: Quad) -> None:
-    assert peak_levels(model, 0.0, level_cm, (9.0, 9.0)) == pytest.approx(coasting(model, level_cm), abs=0.01)
+    assert peak_levels(model, (0.0, 0.0), level_cm, (9.0, 9.0)) == pytest.approx(coasting(model, level_cm), abs=0.01)
 
 
 @settings(max_examples=25, deadline=None)
@@ -61,7 +61,7 @@ def test_without_lag_the_peak_is_that_of_the_equations(model: TankModel, level_c
 def test_with_lag_it_is_an_upper_bound_by_no_more_than_the_water_on_its_way(
     model: TankModel, level_cm: Quad, pump_V: Pair, lag_s: float
 ) -> None:
-    found = np.array(peak_levels(model, lag_s, level_cm, pump_V))
+    found = np.array(peak_levels(model, (lag_s, lag_s), level_cm, pump_V))
     true = coasting(model, level_cm, pump_V, lag_s)
     on_its_way_cm3 = lag_s * np.dot(model.pump_gain_cm3_Vs, pump_V)
     assert np.all(found >= true - 0.01)
@@ -71,16 +71,16 @@ def test_with_lag_it_is_an_upper_bound_by_no_more_than_the_water_on_its_way(
 @settings(max_examples=15, deadline=None)
 @given(LEVELS, st.tuples(st.floats(MIN_SHARE, 1.0), st.floats(MIN_SHARE, 1.0)))
 def test_outlets_that_are_partly_blocked_let_less_go(level_cm: Quad, shares: Pair) -> None:
-    found = peak_levels(BENCH, 0.0, level_cm, (0.0, 0.0), shares)
+    found = peak_levels(BENCH, (0.0, 0.0), level_cm, (0.0, 0.0), shares)
     assert found == pytest.approx(coasting(BENCH, level_cm, outlets=shares), abs=0.01)
 
 
 def test_each_pump_fills_the_tanks_that_its_valve_feeds() -> None:
     at = equilibrium(BENCH, (3.0, 3.0))
-    rest = np.array(peak_levels(BENCH, 0.2, at, (0.0, 0.0)))
+    rest = np.array(peak_levels(BENCH, (0.2, 0.2), at, (0.0, 0.0)))
     assert rest == pytest.approx(at)
-    first = np.array(peak_levels(BENCH, 0.2, at, (5.0, 0.0))) - rest
-    second = np.array(peak_levels(BENCH, 0.2, at, (0.0, 5.0))) - rest
+    first = np.array(peak_levels(BENCH, (0.2, 0.2), at, (5.0, 0.0))) - rest
+    second = np.array(peak_levels(BENCH, (0.2, 0.2), at, (0.0, 5.0))) - rest
     w1, w2 = 3.33 * 5.0 * 0.2, 3.35 * 5.0 * 0.2
     assert first == pytest.approx([0.7 * w1 / 28, 0.3 * w1 / 32, 0.0, 0.3 * w1 / 32])
     assert second == pytest.approx([0.4 * w2 / 28, 0.6 * w2 / 32, 0.4 * w2 / 28, 0.0])

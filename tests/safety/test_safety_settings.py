@@ -92,4 +92,4 @@ def test_limits_are_those_of_the_rig_file(tmp_path: Path, dead_pump: str, lost_l
             assert getattr(limits, key) == value
     assert limits.stops_on_dead_pump is (dead_pump == "stop")
     assert limits.stops_on_lost_lower_level is (lost_lower_level == "stop")
-    assert (limits.model, limits.lag_s, limits.level_gain_V_cm) == (LIMITS.model, 0.2, 0.5)
+    assert (limits.model, limits.lag_s, limits.level_gain_V_cm) == (LIMITS.model, (0.2, 0.2), 0.5)

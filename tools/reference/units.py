@@ -18,6 +18,9 @@ ENDINGS = (  # the longest first
 
 BY_NAME = {
     "valve_split": "share",
+    "pump_gain": "share",
+    "outlet": "share",
+    "lag": "share",
     "parameter_spread": "share",
     "lag_spread": "share",
     "scale_error": "share",

@@ -38,7 +38,8 @@ def complaint(model: type[BaseModel], error: ValidationError) -> str:
     place, kind = _place(model, details[0])
     value, said = _value(details[0]), _words(details[0], kind)
     subject = f"{_key(place)}{value}: " if place else ""
-    more = len({other for detail in details if (other := _place(model, detail)[0]) != place[: len(other)]})
+    places = {_place(model, detail)[0] for detail in details}
+    more = sum(other != place[: len(other)] and place != other[: len(place)] for other in places)
     return f"{subject}{said}" + (f" (and {more} more to correct)" if more else "")
 
 

@@ -7,21 +7,29 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
+from hil.core.pumps import Pumps as PumpPath
+from hil.core.sensors import Sensors as LevelSensors
 from hil.core.tanks import TankModel, equilibrium
-from hil.core.types import Pair
+from hil.core.types import Pair, Quad
+from hil.core.uncertainty import Uncertainty
 from hil.edge.can import adapters
 from hil.edge.can.adapters import BusError
 from hil.edge.config.scenario_file import Scenario
 from hil.edge.config.settings_file import (
     RIG_FILE,
+    Finite,
     NotNegative,
+    Parts,
     Pole,
     Positive,
     Range,
     Section,
+    Share,
     Split,
     Volts,
     merged,
+    of_all,
+    of_both,
     read_toml,
     validated,
 )
@@ -44,21 +52,32 @@ MIN_SPLIT_EXCESS = 0.01
 """How far the valve splits' sum must lie from 1. There the lower levels can't be set apart: G(0) has no inverse."""
 
 
+MIN_GAIN_V_CM = 1e-3
+"""A sensor with less gain than this shows no level."""
+
+Delay = Annotated[float, Field(ge=0.0, le=10.0, allow_inf_nan=False)]
+LagShare = Annotated[float, Field(ge=0.0, le=5.0, allow_inf_nan=False)]
+
+
 class Tanks(Section):
     """Geometry, in cm and cm^2; tank 1, 2, 3, 4."""
 
     area_cm2: tuple[Positive, Positive, Positive, Positive]
     outlet_cm2: tuple[Positive, Positive, Positive, Positive]
-    height_cm: Positive
+    height_cm: Positive | tuple[Positive, Positive, Positive, Positive]
+    datum_cm: NotNegative | tuple[NotNegative, NotNegative, NotNegative, NotNegative] = 0.0
     gravity_cm_s2: Positive
 
 
 class Pumps(Range):
-    """Gains, valves and limits; pump 1, 2."""
+    """Gains, curves, valves and limits; pump 1, 2."""
 
     gain_cm3_Vs: tuple[Positive, Positive]
+    dead_zone_V: NotNegative | tuple[NotNegative, NotNegative] = 0.0
+    curve_1_V: Finite | tuple[Finite, Finite] = 0.0
     valve_split: tuple[Split, Split]
-    lag_s: NotNegative
+    lag_s: NotNegative | tuple[NotNegative, NotNegative]
+    delay_s: Delay | tuple[Delay, Delay] = 0.0
     range_V: tuple[Volts, Volts]
     rate_V_s: Positive
 
@@ -78,18 +97,63 @@ class Pumps(Range):
             )
         return valve_split
 
+    @model_validator(mode="after")
+    def _gives_more_with_more_voltage(self) -> Self:
+        high_V = self.range_V[1]
+        for pump, (dead_zone_V, curve_1_V) in enumerate(
+            zip(of_both(self.dead_zone_V), of_both(self.curve_1_V), strict=True), 1
+        ):
+            if dead_zone_V >= high_V:
+                raise ValueError(
+                    f"dead_zone_V {dead_zone_V:g} V of pump {pump} is not below range_V's upper limit {high_V:g} V"
+                )
+            lowest = -0.5 / (high_V - dead_zone_V)
+            if curve_1_V <= lowest:
+                raise ValueError(
+                    f"curve_1_V {curve_1_V:g} of pump {pump} must be above {lowest:.4g}: with less, a higher voltage "
+                    f"within range_V gives less flow"
+                )
+        return self
+
 
 class Sensors(Range):
     """Level sensors."""
 
-    gain_V_cm: Positive
-    noise_V: NotNegative
+    gain_V_cm: Finite | tuple[Finite, Finite, Finite, Finite]
+    offset_V: Finite | tuple[Finite, Finite, Finite, Finite] = 0.0
+    noise_V: NotNegative | tuple[NotNegative, NotNegative, NotNegative, NotNegative]
     range_V: tuple[NotNegative, Positive]
 
     @field_validator("range_V")
     @classmethod
     def _range_is_ordered(cls, limits: Pair) -> Pair:
         return cls.ordered(limits)
+
+    @field_validator("gain_V_cm")
+    @classmethod
+    def _shows_the_level(cls, gain_V_cm: Parts) -> Parts:
+        if min(map(abs, of_all(gain_V_cm))) < MIN_GAIN_V_CM:
+            raise ValueError(f"a gain is {MIN_GAIN_V_CM:g} V/cm or more, or negative for a sensor that falls")
+        return gain_V_cm
+
+
+class Doubt(Section):
+    """How far the rig may be off this file: one standard deviation, relative to the value."""
+
+    pump_gain: Share | tuple[Share, Share] = 0.03
+    valve_split: Share | tuple[Share, Share] = 0.03
+    outlet: Share | tuple[Share, Share, Share, Share] = 0.03
+    lag: LagShare | tuple[LagShare, LagShare] = 0.5
+
+    @property
+    def of_each(self) -> Uncertainty:
+        """One value for each pump and tank."""
+        return Uncertainty(
+            pump_gain=of_both(self.pump_gain),
+            valve_split=of_both(self.valve_split),
+            outlet=of_all(self.outlet),
+            lag=of_both(self.lag),
+        )
 
 
 class Control(Section):
@@ -164,10 +228,11 @@ class Rig(Section):
     control: Control
     safety: Safety
     bus: Bus
+    uncertainty: Doubt = Doubt()
 
     @model_validator(mode="after")
     def _trips_below_the_rim(self) -> Self:
-        safety, height_cm = self.safety, self.tanks.height_cm
+        safety, height_cm = self.safety, min(of_all(self.tanks.height_cm))
         if safety.level_max_cm >= height_cm:
             raise ValueError(f"safety.level_max_cm {safety.level_max_cm:g} is not below tanks.height_cm {height_cm:g}")
         if safety.level_max_cm + safety.rim_margin_cm > height_cm:
@@ -193,30 +258,74 @@ class Rig(Section):
     @model_validator(mode="after")
     def _starts_within_the_tanks(self) -> Self:
         try:
-            levels_cm = equilibrium(self.tank_model, self.control.operating_point_V)
+            levels_cm = equilibrium(self.tank_model, self.operating_drives)
         except ArithmeticError as error:
             raise ValueError(f"no levels can be computed from tanks and pumps: {error}") from None
         highest_cm = self.safety.level_max_cm
         if not all(0.0 < level_cm < highest_cm for level_cm in levels_cm):
             shown = ", ".join(f"{level_cm:.4g}" for level_cm in levels_cm)
+            empty = ", ".join(f"{tank}" for tank, level_cm in enumerate(levels_cm, 1) if level_cm <= 0.0)
+            why = f"; so little flow leaves through the outlet of an empty tank {empty}" if empty else ""
             raise ValueError(
                 f"control.operating_point_V {list(self.control.operating_point_V)} holds levels of {shown} cm, "
-                f"want all of them within 0..{highest_cm:g} cm (safety.level_max_cm)"
+                f"want all of them within 0..{highest_cm:g} cm (safety.level_max_cm){why}"
             )
+        return self._shows(levels_cm)
+
+    def _shows(self, levels_cm: Quad) -> Self:
+        """Every sensor can show its level at the operating point, and the one that trips."""
+        low_V, high_V = self.sensors.range_V
+        gains, offsets = of_all(self.sensors.gain_V_cm), of_all(self.sensors.offset_V)
+        for tank, (gain, offset_V, level_cm) in enumerate(zip(gains, offsets, levels_cm, strict=True), 1):
+            for shown_cm, what in ((level_cm, "operating point"), (self.safety.level_max_cm, "safety.level_max_cm")):
+                reading_V = offset_V + gain * shown_cm
+                if not low_V <= reading_V <= high_V:
+                    raise ValueError(
+                        f"sensor {tank} would read {reading_V:.4g} V at {shown_cm:.4g} cm ({what}), outside "
+                        f"sensors.range_V {low_V:g}..{high_V:g} V: look at sensors.gain_V_cm and offset_V"
+                    )
         return self
 
     @property
     def tank_model(self) -> TankModel:
         """The numbers of eq. (1)."""
         return TankModel(
-            self.tanks.area_cm2,
-            self.tanks.outlet_cm2,
-            self.pumps.gain_cm3_Vs,
-            self.pumps.valve_split,
-            self.sensors.gain_V_cm,
-            self.tanks.height_cm,
-            self.tanks.gravity_cm_s2,
+            area_cm2=self.tanks.area_cm2,
+            outlet_cm2=self.tanks.outlet_cm2,
+            pump_gain_cm3_Vs=self.pumps.gain_cm3_Vs,
+            valve_split=self.pumps.valve_split,
+            level_gain_V_cm=self.level_sensors.signal_gain,
+            height_cm=of_all(self.tanks.height_cm),
+            gravity_cm_s2=self.tanks.gravity_cm_s2,
+            datum_cm=of_all(self.tanks.datum_cm),
         )
+
+    @property
+    def pump_path(self) -> PumpPath:
+        """What lies between the commands and the flow of the pumps."""
+        pumps = self.pumps
+        return PumpPath(of_both(pumps.dead_zone_V), of_both(pumps.curve_1_V), of_both(pumps.delay_s), pumps.range_V)
+
+    @property
+    def lags_s(self) -> Pair:
+        """(2,) lag of each pump."""
+        return of_both(self.pumps.lag_s)
+
+    @property
+    def operating_drives(self) -> Pair:
+        """(2,) drives of the operating point."""
+        return self.pump_path.drive(self.control.operating_point_V)
+
+    @property
+    def level_sensors(self) -> LevelSensors:
+        """What the readings mean."""
+        sensors = self.sensors
+        return LevelSensors(of_all(sensors.gain_V_cm), of_all(sensors.offset_V), sensors.range_V)
+
+    @property
+    def signal_noise(self) -> Quad:
+        """(4,) standard deviation of one reading, as one of the level signal."""
+        return self.level_sensors.scaled(of_all(self.sensors.noise_V))
 
 
 def load_rig(path: Path, scenario: Scenario | None = None, scenario_path: Path | None = None) -> Rig:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from hil.core.errors import HilError
-from hil.core.types import Pair
+from hil.core.types import Pair, Quad
 from hil.edge.config.complaints import complaint
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -22,6 +22,9 @@ Volts = Annotated[float, Field(ge=0.0, le=10.0, allow_inf_nan=False)]
 LevelVolts = Annotated[float, Field(ge=0.0, le=10.0, allow_inf_nan=False)]
 LevelCm = Annotated[float, Field(ge=0.0, le=20.0, allow_inf_nan=False)]
 Pole = Annotated[float, Field(lt=0.0, ge=-10.0, allow_inf_nan=False)]
+
+Parts = float | tuple[float, ...]
+"""One number for all pumps, tanks or sensors, or one for each."""
 
 SCENARIO_FILE, RIG_FILE, CAMPAIGN_FILE, EMULATOR_FILE = "a scenario", "a rig file", "a campaign", "an emulator file"
 
@@ -75,6 +78,22 @@ class Range(Section):
         if limits[0] >= limits[1]:
             raise ValueError(f"lower limit {limits[0]:g} is not below upper limit {limits[1]:g}")
         return limits
+
+
+def of_both(value: Parts) -> Pair:
+    """(2,) one value for each pump."""
+    if not isinstance(value, tuple):
+        return value, value
+    first, second = value
+    return first, second
+
+
+def of_all(value: Parts) -> Quad:
+    """(4,) one value for each tank or sensor."""
+    if not isinstance(value, tuple):
+        return value, value, value, value
+    first, second, third, fourth = value
+    return first, second, third, fourth
 
 
 def default_config_dir() -> Path:

@@ -120,15 +120,15 @@ SIGNALS: tuple[Signal, ...] = (
     ),
     *(
         Signal(
-            f"h{i + 1}_V", "V", f"measured level of tank {i + 1}", _item(lambda record: record.measured_V, i),
+            f"h{i + 1}_V", "V", f"measured level signal of tank {i + 1}", _item(lambda record: record.measured_V, i),
             _level_curve(i, "measured", DIM, 1.0), digits=9,
         )
         for i in TANKS
     ),
     *(
         Signal(
-            f"h{i + 1}_est_V", "V", f"estimated level of tank {i + 1}", _item(lambda record: record.estimated_V, i),
-            _level_curve(i, "estimate", BLUE, layer=2), digits=9,
+            f"h{i + 1}_est_V", "V", f"estimated level signal of tank {i + 1}",
+            _item(lambda record: record.estimated_V, i), _level_curve(i, "estimate", BLUE, layer=2), digits=9,
         )
         for i in TANKS
     ),

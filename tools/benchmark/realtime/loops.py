@@ -191,7 +191,7 @@ def _recorder(kind: str, folder: Path, bench: assembly.Bench, config: Controller
         yield None
         return
     run = RunFolder.create(folder, assembly.run_plan(bench, is_live=True, seed=None))
-    timeline = TimelineSettings(bench.rig.sensors.gain_V_cm, config.duration_s)
+    timeline = TimelineSettings(bench.rig.tank_model.level_gain_V_cm, config.duration_s)
     with ProcessRecorder() as recorder:
         recorder.open(run, partial(open_record, run, timeline))
         yield recorder

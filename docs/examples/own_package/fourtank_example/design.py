@@ -23,4 +23,4 @@ class LqrDesign:
 
 def make_design(rig):
     """The bench calls this with the settings of the rig file, `rig.tanks`, `rig.pumps`, `rig.control`, ..."""
-    return LqrDesign(level_weight=0.1 * (0.5 / rig.sensors.gain_V_cm) ** 2)
+    return LqrDesign(level_weight=0.1 * (0.5 / rig.tank_model.level_gain_V_cm) ** 2)

@@ -254,10 +254,10 @@ def _shown(config: DetectorConfig, m: Memory, j: int, healthy: float) -> tuple[f
     if jump.state < SPLIT:
         stuck = j in m.declared and m.declared[j].kind == "pump_stuck_on"
         unit = (float(m.x[PUMP + jump.target - 1]) if stuck else 1.0) / healthy
-        low, high = config.range_V if stuck else (0.0, inf)
+        low, high = config.range_V[jump.target - 1] if stuck else (0.0, inf)
         return min(max(now * unit, low), high), unit
     if jump.state < OUTLET:
-        unit = float(model.valve_split[jump.target - 1] if jump.state < LAG else model.lag_s)
+        unit = float((model.valve_split if jump.state < LAG else model.lag_s)[jump.target - 1])
         return now * unit, unit
     if jump.state < LEAK:
         return abs(now - healthy) / healthy, 1.0 / healthy

@@ -28,7 +28,7 @@ from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
 from hil.core.diagnosis.glr.model import BIAS, LEVEL, MOVING, Array, N
 from hil.core.diagnosis.glr.tuning import Tuning
 from hil.core.tanks import TankModel, equilibrium
-from hil.core.types import Measurement, Pair
+from hil.core.types import Measurement, Pair, Quad
 
 DAY_S = 86_400.0
 """One false alarm in this time."""
@@ -62,8 +62,8 @@ def jumps_of_fault(kind: str, target: int, value: float | None, model: TankModel
 
 def detection_bound_s(
     model: TankModel,
-    lag_s: float,
-    noise_V: float,
+    lag_s: float | Pair,
+    noise_V: float | Quad,
     jumps: Mapping[int, float],
     held: Held,
     period_s: float,
@@ -73,12 +73,12 @@ def detection_bound_s(
 
     jumps : sizes by place in JUMPS, one jump or the two pumps'. held : the pump voltages from the start of the run, in
     the equilibrium of the first of them with pumps at rest, to the onset; the last ones stay. reading_s : between
-    readings of noise_V each.
+    readings of noise_V each. lag_s, noise_V : one, or each pump's and sensor's.
     """
     if not jumps or (len(jumps) > 1 and set(jumps) != set(PUMPS)):
         return None
     config, m = learned(model, lag_s, noise_V, held, period_s, reading_s)
-    entry = entry_of(held[-1][1], noise_V**2, reading_s)
+    entry = entry_of(held[-1][1], [noise**2 for noise in config.noise_V], reading_s)
     m.restart_bank()
     slot = int((m.bank.onset >= 0).argmax())
     for number in range(1, round(MAX_S / reading_s) + 1):
@@ -100,26 +100,28 @@ def wanted_stds(since_s: float, period_s: float) -> float:
 
 
 def learned(
-    model: TankModel, lag_s: float, noise_V: float, held: Held, period_s: float, reading_s: float
+    model: TankModel, lag_s: float | Pair, noise_V: float | Quad, held: Held, period_s: float, reading_s: float
 ) -> tuple[DetectorConfig, Memory]:
     """The filter after these voltages: what can be known at the onset.
 
     Levels do not wander and parameters stay as they are: this filter has no margin for what the model does not say.
     """
-    config = DetectorConfig.of(model, lag_s, noise_V, Tuning())
+    lags_s = lag_s if isinstance(lag_s, tuple) else (lag_s, lag_s)
+    noises_V = noise_V if isinstance(noise_V, tuple) else (noise_V, noise_V, noise_V, noise_V)
+    config = DetectorConfig.of(model, lags_s, noises_V, Tuning())
     config.model.walk[:] = 0.0
     k = model.level_gain_V_cm
     h1, h2, h3, h4 = equilibrium(model, held[0][1])
     m = Memory.begin(config, 0.0, Measurement((k * h1, k * h2, k * h3, k * h4), ALL, 0.0, 1), (0.0, 0.0))
     for time_s, voltage_V in held:
-        entry = entry_of(voltage_V, noise_V**2 * reading_s / period_s, period_s)
+        entry = entry_of(voltage_V, [noise**2 * reading_s / period_s for noise in noises_V], period_s)
         for _ in range(round(time_s / period_s)):
             expected_step(config, m, entry)
     return config, m
 
 
-def entry_of(voltage_V: Pair, variance_V2: float, step_s: float) -> Array:
-    """An entry of the history with readings at the end of the step, of this variance; see `filter`."""
+def entry_of(voltage_V: Pair, variance_V2: float | Sequence[float], step_s: float) -> Array:
+    """An entry of the history with readings at the end of the step, of this variance, one or (4,); see `filter`."""
     entry = np.zeros(ENTRY)
     entry[VOLTAGE : VOLTAGE + 2] = voltage_V
     entry[VARIANCE : VARIANCE + 4] = variance_V2

@@ -52,7 +52,7 @@ def step(config: DetectorConfig, m: Memory, measurement: Measurement) -> list[Al
         return []
     i = rival.sensor
     entry = m.entry.copy()
-    is_usable = measurement.readings > 0 and measurement.valid[i] and measurement.level_V[i] > config.empty_V
+    is_usable = measurement.readings > 0 and measurement.valid[i] and measurement.level_V[i] > config.empty_V[i]
     if is_usable and not m.sensors[i].is_stuck(measurement, i):
         entry[READING + i] = measurement.level_V[i]
     rival.lead += config.filter_beside(rival.own_x, rival.own_P, entry, m.growing)

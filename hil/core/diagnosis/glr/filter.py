@@ -32,7 +32,7 @@ from hil.core.diagnosis.glr.model import (
 
 ENTRY = 18
 VOLTAGE, READING, VARIANCE, PERIOD, WEIGHT, DOUBT, WALK = 0, 2, 6, 10, 11, 12, 14
-"""An entry: voltages applied (2) V, readings (4) V (NaN: none), variances (4) V^2, period s, weight of its end, how
+"""An entry: drives that arrived (2) V, readings (4) V (NaN: none), variances (4) V^2, period s, weight of its end, how
 wrong the lagged voltages at the start of the period may be, because what was applied is not known (2) V, and the
 variance of the levels' random walk in the period (4) cm^2."""
 
@@ -297,7 +297,7 @@ def _correct(x: Array, P: Array, K: Array, X: Array, innovation: Array) -> None:
 def _limit(model: FilterModel, x: Array) -> None:
     """Keep levels, outlets, lags and splits where eq. (1) has a meaning."""
     for i in range(4):
-        x[LEVEL + i] = min(max(x[LEVEL + i], 0.0), model.height_cm)
+        x[LEVEL + i] = min(max(x[LEVEL + i], 0.0), model.height_cm[i])
         x[OUTLET + i] = max(x[OUTLET + i], MIN_OUTLET)
     for j in range(2):
         x[LAG + j] = min(max(x[LAG + j], MIN_LAG), MAX_LAG)

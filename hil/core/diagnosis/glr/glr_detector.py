@@ -23,8 +23,10 @@ from hil.core.diagnosis.glr.model import LAG, LEVEL
 from hil.core.diagnosis.glr.replay import RING
 from hil.core.diagnosis.glr.tuning import Tuning
 from hil.core.estimator import Estimate
+from hil.core.sensors import PLAIN, Sensors
 from hil.core.tanks import TankModel
-from hil.core.types import Alarm, Diagnosis, Measurement, Pair
+from hil.core.types import Alarm, Diagnosis, Measurement, Pair, Quad
+from hil.core.uncertainty import Uncertainty
 
 ALL = (True, True, True, True)
 MAX_READING_V = 100.0
@@ -49,16 +51,20 @@ class GlrDetector:
     def __init__(
         self,
         model: TankModel,
-        lag_s: float,
-        noise_V: float,
+        lag_s: float | Pair,
+        noise_V: float | Quad,
         tuning: Tuning | None = None,
-        range_V: Pair = (0.0, 10.0),
+        range_V: tuple[Pair, Pair] = ((0.0, 10.0), (0.0, 10.0)),
+        sensors: Sensors = PLAIN,
+        uncertainty: Uncertainty | None = None,
     ) -> None:
-        """lag_s, noise_V, range_V (2,) of the pumps : the rig file's.
+        """lag_s : one, or each pump's. noise_V : of level signals, one, or each sensor's. range_V : of the drives.
 
-        Compiles what is not compiled yet, which takes a quarter of a minute.
+        uncertainty : None for that of the tuning. Compiles what is not compiled yet, which takes a quarter of a minute.
         """
-        self.config = DetectorConfig.of(model, lag_s, noise_V, tuning or Tuning(), range_V)
+        lags_s = lag_s if isinstance(lag_s, tuple) else (lag_s, lag_s)
+        noises_V = noise_V if isinstance(noise_V, tuple) else (noise_V, noise_V, noise_V, noise_V)
+        self.config = DetectorConfig.of(model, lags_s, noises_V, tuning or Tuning(), range_V, sensors, uncertainty)
         self._warm_up()
 
     def start(self) -> Memory | None:
@@ -73,7 +79,7 @@ class GlrDetector:
         estimate: Estimate,  # noqa: ARG002 - this detector has a filter of its own
         applied_V: Pair,
     ) -> tuple[Any, Diagnosis]:
-        """Verdict at run time t_s, s; applied_V held since the last step. `memory` is changed and handed back."""
+        """Verdict at run time t_s, s; applied_V arrived since the last step. `memory` is changed and handed back."""
         if memory is None:
             return Memory.begin(self.config, t_s, measurement, applied_V), Diagnosis()
         m: Memory = memory
@@ -100,16 +106,16 @@ class GlrDetector:
         m.now += 1
         m.t_s = m.times_s[m.now % RING] = t_s
         n, level_V, usable = measurement.readings, measurement.level_V, m.usable
-        floor_V2, empty_V = self.config.tuning.reading_floor_V**2, self.config.empty_V
+        floor_V2, empty_V = self.config.floor_V2, self.config.empty_V
         scale = m.scale.tolist()
         levels, variances = [nan] * 4, [1.0] * 4
         for i, sensor in enumerate(m.sensors):
-            is_wet = empty_V < level_V[i] < MAX_READING_V
+            is_wet = empty_V[i] < level_V[i] < MAX_READING_V
             if is_wet:
                 sensor.learn(measurement, i, is_used=usable[i])
                 if n > 0 and usable[i] and measurement.valid[i]:
                     levels[i] = level_V[i]
-            variances[i] = scale[i] * (sensor.current_variance / max(n, 1) + floor_V2)
+            variances[i] = scale[i] * (sensor.current_variance / max(n, 1) + floor_V2[i])
         mean_age_s = measurement.age_s + 0.5 * dt * (n - 1) / n if n > 0 else 0.0
         doubts = self._voltage_doubts(m, dt, applied_V)
         if max(doubts) > 0.0:  # a mean over a time in which the flow changed at an unknown moment
@@ -132,7 +138,7 @@ class GlrDetector:
         for j in PUMPS:
             change_V = abs(applied_V[j] - before_V[j])
             if change_V > 0.0 and (is_gap or (applied_V[j] == 0.0 and change_V > DROP_V)):
-                lag_s = self.config.model.lag_s * float(m.x[LAG + j])
+                lag_s = float(self.config.model.lag_s[j] * m.x[LAG + j])
                 doubts[j] = change_V * dt / (lag_s * (1.0 - exp(-dt / lag_s)))
         return doubts[0], doubts[1]
 

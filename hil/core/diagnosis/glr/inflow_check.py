@@ -40,6 +40,7 @@ def is_missing(config: DetectorConfig, m: Memory, pump: int) -> bool:
     level_cm, times_s = level_cm[is_read], np.cumsum(rows[:, PERIOD])[is_read]
     rate_cm_s = float(np.polyfit(times_s, level_cm, 1)[0])
     model = config.model
-    inflow = model.area_cm2[tank] * rate_cm_s + model.outlet_flow[tank] * np.sqrt(np.maximum(level_cm, 0.0)).mean()
+    heads_cm = np.maximum(level_cm, 0.0) + model.datum_cm[tank]
+    inflow = model.area_cm2[tank] * rate_cm_s + model.outlet_flow[tank] * np.sqrt(heads_cm).mean()
     expected = (1.0 - model.valve_split[pump]) * model.pump_gain_cm3_Vs[pump] * voltage_V.mean()
     return bool(inflow < MIN_SHARE * expected)

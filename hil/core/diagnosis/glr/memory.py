@@ -16,13 +16,28 @@ from hil.core.diagnosis.glr.bank import Bank, Best, MinJumps
 from hil.core.diagnosis.glr.filter import PERIOD, StepResult
 from hil.core.diagnosis.glr.growth import NO_GROWTH
 from hil.core.diagnosis.glr.hypotheses import JUMPS
-from hil.core.diagnosis.glr.model import BIAS, DRIFT, GAIN, LAG, LEAK, LEVEL, PUMP, Array, FilterModel, N
+from hil.core.diagnosis.glr.model import (
+    BIAS,
+    DRIFT,
+    GAIN,
+    LAG,
+    LEAK,
+    LEVEL,
+    OUTLET,
+    PUMP,
+    SPLIT,
+    Array,
+    FilterModel,
+    N,
+)
 from hil.core.diagnosis.glr.noise_learning import ProcessNoise
 from hil.core.diagnosis.glr.replay import RING, History, Replays
 from hil.core.diagnosis.glr.sensor_statistics import SensorStatistics
 from hil.core.diagnosis.glr.tuning import Tuning
+from hil.core.sensors import PLAIN, Sensors
 from hil.core.tanks import TankModel
-from hil.core.types import Measurement, Pair
+from hil.core.types import Measurement, Pair, Quad
+from hil.core.uncertainty import Uncertainty
 
 EMPTY_STDS = 6.0
 """A reading of fewer standard deviations of the noise may be that of an empty tank."""
@@ -39,23 +54,33 @@ START_LEVEL_STD_V = 0.005
 
 @dataclass(frozen=True, eq=False)
 class DetectorConfig:
-    """What doesn't change during a run: tuning, the rig's numbers, noise_V of a reading.
+    """What doesn't change during a run: tuning, the rig's numbers. All voltages are level signals and drives.
 
-    empty_V : below it a tank may be empty, where a converter cuts the noise off: such readings are not used.
-    range_V : (2,) of the pumps' voltages.
+    noise_V : (4,) of a reading. floor_V2 : (4,) smallest variance of a mean of readings. empty_V : (4,) below it a tank
+    may be empty, where a converter cuts the noise off: such readings are not used. range_V : (2,) of each pump.
+    prior : (N,) standard deviation of the parameters before the first reading.
     """
 
     tuning: Tuning
     model: FilterModel
-    noise_V: float
-    empty_V: float
-    range_V: Pair
+    noise_V: Quad
+    floor_V2: Quad
+    empty_V: Quad
+    range_V: tuple[Pair, Pair]
+    prior: Array
 
     @classmethod
     def of(
-        cls, model: TankModel, lag_s: float, noise_V: float, tuning: Tuning, range_V: Pair = (0.0, 10.0)
+        cls,
+        model: TankModel,
+        lag_s: Pair,
+        noise_V: Quad,
+        tuning: Tuning,
+        range_V: tuple[Pair, Pair] = ((0.0, 10.0), (0.0, 10.0)),
+        sensors: Sensors = PLAIN,
+        uncertainty: Uncertainty | None = None,
     ) -> DetectorConfig:
-        """From the rig file's numbers."""
+        """From the rig file's numbers. uncertainty : None for that of the tuning."""
         walk = np.zeros(N)
         walk[GAIN:LEAK] = tuning.parameter_walk**2
         speed = float(np.sqrt(2.0 * model.gravity_cm_s2))
@@ -65,12 +90,23 @@ class DetectorConfig:
             pump_gain_cm3_Vs=np.array(model.pump_gain_cm3_Vs),
             valve_split=np.array(model.valve_split),
             walk=walk,
-            lag_s=max(lag_s, MIN_LAG_S),
+            lag_s=np.maximum(np.array(lag_s), MIN_LAG_S),
             level_gain_V_cm=model.level_gain_V_cm,
-            height_cm=model.height_cm,
+            height_cm=np.array(model.height_cm),
+            datum_cm=np.array(model.datum_cm),
         )
-        empty_V = EMPTY_STDS * noise_V
-        return cls(tuning=tuning, model=filter_model, noise_V=noise_V, empty_V=empty_V, range_V=range_V)
+        floor_V = tuning.reading_floor_V
+        f1, f2, f3, f4 = (floor**2 for floor in sensors.scaled((floor_V, floor_V, floor_V, floor_V)))
+        e1, e2, e3, e4 = (low + EMPTY_STDS * noise for low, noise in zip(sensors.lowest_signals, noise_V, strict=True))
+        return cls(
+            tuning=tuning,
+            model=filter_model,
+            noise_V=noise_V,
+            floor_V2=(f1, f2, f3, f4),
+            empty_V=(e1, e2, e3, e4),
+            range_V=range_V,
+            prior=_prior(tuning, uncertainty),
+        )
 
     def filter_beside(self, x: Array, P: Array, entry: Array, target: int) -> float:
         """One step of a filter beside the main one, in place; the log-likelihood of the readings.
@@ -79,6 +115,16 @@ class DetectorConfig:
         """
         kernels.grow(x, P, target, entry[PERIOD])
         return kernels.filter_step(self.model, x, P, entry, StepResult.empty())
+
+
+def _prior(tuning: Tuning, uncertainty: Uncertainty | None) -> Array:
+    std = np.zeros(N)
+    std[GAIN:LEAK] = tuning.parameter_std
+    std[LAG : LAG + 2] = tuning.lag_std
+    if uncertainty is not None:
+        std[GAIN : GAIN + 2], std[SPLIT : SPLIT + 2] = uncertainty.pump_gain, uncertainty.valve_split
+        std[OUTLET : OUTLET + 4], std[LAG : LAG + 2] = uncertainty.outlet, uncertainty.lag
+    return std
 
 
 @dataclass(slots=True)
@@ -237,11 +283,11 @@ class Memory:
         x[LEVEL : LEVEL + 4] = np.array(measurement.level_V) / config.model.level_gain_V_cm
         x[PUMP : PUMP + 2] = applied_V
         x[GAIN:LEAK] = 1.0
-        level_V2 = config.noise_V**2 / max(measurement.readings, 1) + START_LEVEL_STD_V**2
-        variance[LEVEL : LEVEL + 4] = level_V2 / config.model.level_gain_V_cm**2
-        variance[GAIN:LEAK] = tuning.parameter_std**2
-        variance[LAG : LAG + 2] = tuning.lag_std**2
-        sensors = [SensorStatistics(config.noise_V**2) for _ in range(4)]
+        for i, noise_V in enumerate(config.noise_V):
+            level_V2 = noise_V**2 / max(measurement.readings, 1) + START_LEVEL_STD_V**2
+            variance[LEVEL + i] = level_V2 / config.model.level_gain_V_cm**2
+        variance[GAIN:LEAK] = config.prior[GAIN:LEAK] ** 2
+        sensors = [SensorStatistics(noise_V**2) for noise_V in config.noise_V]
         noise = ProcessNoise.begin(tuning.min_level_walk)
         memory = cls(x=x, P=np.diag(variance), sensors=sensors, noise=noise, t_s=t_s, applied_V=applied_V)
         memory.times_s[0] = t_s

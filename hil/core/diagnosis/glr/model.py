@@ -3,13 +3,14 @@
 State, N = 27 numbers; the constants below are the index of the first number of each group:
 
     h   4  levels, cm                        k    2  pump gains over the rig file's, 1 when nominal
-    p   2  voltages behind the pump lag, V   g    2  valve splits, likewise
+    p   2  drives behind the pump lag, V     g    2  valve splits, likewise
     tau 2  pump lags, likewise               a    4  outlet areas, likewise
     leak 2  tanks 3, 4: outflow to the floor over what the outlet passes on
     b   4  sensor biases, V                  d    4  sensor drifts, V/s
     r   1  rate at which one of k, g, a or leak grows, 1/s, see `growth`
 
-Levels follow eq. (1) of Hajiani and Poshtan (2012), see `hil.core.tanks`; p' = (v - p)/(lag_s tau); b' = d. Parameters
+Levels follow eq. (1) of Hajiani and Poshtan (2012), see `hil.core.tanks`; p' = (v - p)/(lag_s tau); b' = d. All
+voltages of pumps are drives, see `hil.core.pumps`, and all of sensors level signals, see `hil.core.sensors`. Parameters
 vary as slow random walks. Leaks, biases, drifts and the rate have zero variance, and so stay 0, until a fault
 hypothesis gives them some; a leak of tank 1 or 2 is a wider outlet, by the very same equations.
 
@@ -42,9 +43,9 @@ SHALLOW_CM = 0.05
 class FilterModel(NamedTuple):
     """The rig file's numbers as the compiled functions need them.
 
-    area_cm2 : (4,). outlet_flow : (4,) a_i sqrt(2 g), so that outflow = outlet_flow sqrt(h), cm3/s. pump_gain_cm3_Vs :
-    (2,). valve_split : (2,). walk : (N,) variance that each state gains in a control period; 0 for the levels, whose
-    walk is learned. height_cm : of a tank.
+    area_cm2 : (4,). outlet_flow : (4,) a_i sqrt(2 g), so that outflow = outlet_flow sqrt(h + datum), cm3/s.
+    pump_gain_cm3_Vs : (2,). valve_split : (2,). walk : (N,) variance that each state gains in a control period; 0 for
+    the levels, whose walk is learned. lag_s : (2,) of each pump. height_cm, datum_cm : (4,) of each tank.
     """
 
     area_cm2: Array
@@ -52,9 +53,10 @@ class FilterModel(NamedTuple):
     pump_gain_cm3_Vs: Array
     valve_split: Array
     walk: Array
-    lag_s: float
+    lag_s: Array
     level_gain_V_cm: float
-    height_cm: float
+    height_cm: Array
+    datum_cm: Array
 
 
 class MeanPumps(NamedTuple):
@@ -76,7 +78,7 @@ def predict(model: FilterModel, x: Array, voltage_V: Array, dt: float, A: Array)
     _predict_pumps(model, x, voltage_V, dt, A, mean)
     outflow, slope = np.empty(4), np.empty(4)
     for i in range(4):
-        h = max(x[LEVEL + i], 0.0)
+        h = max(x[LEVEL + i], 0.0) + model.datum_cm[i]
         outflow[i] = model.outlet_flow[i] * np.sqrt(h)
         slope[i] = 0.5 * model.outlet_flow[i] / np.sqrt(max(h, SHALLOW_CM))
     # midpoint rule for the levels, derivatives at the start of the period
@@ -85,10 +87,11 @@ def predict(model: FilterModel, x: Array, voltage_V: Array, dt: float, A: Array)
     _linearise_outflows(model, x, dt, A, outflow, slope)
     _linearise_inflows(model, x, dt, A, mean)
     for i in range(4):
-        outflow[i] = model.outlet_flow[i] * np.sqrt(max(x[LEVEL + i] + 0.5 * dt * rate[i], 0.0))
+        h = max(x[LEVEL + i] + 0.5 * dt * rate[i], 0.0) + model.datum_cm[i]
+        outflow[i] = model.outlet_flow[i] * np.sqrt(h)
     _level_rates(model, x, mean.voltage_V, outflow, rate)
     for i in range(4):
-        x[LEVEL + i] = min(max(x[LEVEL + i] + dt * rate[i], 0.0), model.height_cm)
+        x[LEVEL + i] = min(max(x[LEVEL + i] + dt * rate[i], 0.0), model.height_cm[i])
         x[BIAS + i] += dt * x[DRIFT + i]
 
 
@@ -96,16 +99,16 @@ def predict(model: FilterModel, x: Array, voltage_V: Array, dt: float, A: Array)
 def _predict_pumps(model: FilterModel, x: Array, voltage_V: Array, dt: float, A: Array, mean: MeanPumps) -> None:
     """The pump lag, exact over the period; writes the arrays of `mean`."""
     for j in range(2):
-        tau = model.lag_s * x[LAG + j]
+        tau = model.lag_s[j] * x[LAG + j]
         decay = np.exp(-dt / tau)
         share = (1.0 - decay) * tau / dt
         gap = x[PUMP + j] - voltage_V[j]
         mean.voltage_V[j] = voltage_V[j] + gap * share
         mean.by_p[j] = share
-        mean.by_lag[j] = gap * model.lag_s * ((1.0 - decay) / dt - decay / tau)
+        mean.by_lag[j] = gap * model.lag_s[j] * ((1.0 - decay) / dt - decay / tau)
         x[PUMP + j] = voltage_V[j] + gap * decay
         A[PUMP + j, PUMP + j] = decay
-        A[PUMP + j, LAG + j] = gap * decay * dt / (tau * tau) * model.lag_s
+        A[PUMP + j, LAG + j] = gap * decay * dt / (tau * tau) * model.lag_s[j]
 
 
 @compiled
@@ -116,6 +119,10 @@ def _level_rates(model: FilterModel, x: Array, mean_V: Array, outflow: Array, ra
     g1, g2 = split[0] * x[SPLIT], split[1] * x[SPLIT + 1]
     o1, o2 = x[OUTLET] * outflow[0], x[OUTLET + 1] * outflow[1]
     o3, o4 = x[OUTLET + 2] * outflow[2], x[OUTLET + 3] * outflow[3]
+    if x[LEVEL + 2] <= 0.0 and model.datum_cm[2] > 0.0:  # an empty tank lets out what flows in
+        o3 = min(o3, (1.0 - g2) * q2)
+    if x[LEVEL + 3] <= 0.0 and model.datum_cm[3] > 0.0:
+        o4 = min(o4, (1.0 - g1) * q1)
     rate[0] = (o3 - o1 + g1 * q1) / area[0]
     rate[1] = (o4 - o2 + g2 * q2) / area[1]
     rate[2] = ((1.0 - g2) * q2 - o3 - x[LEAK] * outflow[2]) / area[2]

@@ -30,7 +30,7 @@ def examine(config: DetectorConfig, m: Memory, measurement: Measurement) -> list
                 alarms += _lose(config, m, i, kind, 1 + run // max(measurement.readings, 1))
             else:
                 alarms += _noise(config, m, measurement, i)
-                is_wet = measurement.level_V[i] > config.empty_V
+                is_wet = measurement.level_V[i] > config.empty_V[i]
                 m.is_doubtful |= is_wet and m.sensors[i].may_be_stuck(measurement, i)
     return alarms
 
@@ -58,7 +58,7 @@ def _fault(config: DetectorConfig, m: Memory, measurement: Measurement, i: int) 
     sensor = m.sensors[i]
     if measurement.invalid_run[i] >= OPEN_RUN:
         return "sensor_open", measurement.invalid_run[i]
-    is_wet = measurement.level_V[i] > config.empty_V
+    is_wet = measurement.level_V[i] > config.empty_V[i]
     if measurement.readings > 0 and is_wet and sensor.is_stuck(measurement, i):
         return "sensor_stuck", measurement.repeats[i] + 1
     if sensor.is_garbage():
@@ -79,7 +79,7 @@ def _noise(config: DetectorConfig, m: Memory, measurement: Measurement, i: int) 
     size_V = sqrt(max(sensor.variance_V2 - sensor.healthy_V2, 0.0))
     back = NOISY_PERIODS + 1
     if _is_recent(m, back):
-        variance_V2 = m.scale[i] * (sensor.variance_V2 / measurement.readings + config.tuning.reading_floor_V**2)
+        variance_V2 = m.scale[i] * (sensor.variance_V2 / measurement.readings + config.floor_V2[i])
         _, amended, alarms = _amend(config, m, i, back, float(variance_V2))
     else:
         amended, alarms = _new_alarm(m), []

@@ -75,7 +75,7 @@ def judge(
     del m.stuck_checks[p.pump]
     fault = m.declared[p.pump]
     m.declared[p.pump] = replace(fault, kind="pump_stuck_on")
-    low_V, high_V = config.range_V
+    low_V, high_V = config.range_V[p.pump]
     flow_V = float(p.x[GAIN + p.pump] * p.x[PUMP + p.pump]) / fault.healthy
     return [
         Alarm(
