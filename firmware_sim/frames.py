@@ -141,12 +141,13 @@ class Rejection(Enum):
 
 @dataclass(frozen=True, slots=True)
 class PumpCommand:
-    """An intact command frame, its counter not yet checked."""
+    """An intact command frame, its counter not yet checked. start_phase : before the controller's time 0."""
 
     command_V: tuple[float, float]
     enable: bool
     clear_trip: bool
     counter: int
+    start_phase: bool = False
 
 
 def _crc_table() -> bytes:
@@ -236,7 +237,9 @@ def parse_command(frame: Message) -> PumpCommand | Rejection:
         return Rejection.CRC
     if raw1 > COMMAND_RAW_MAX or raw2 > COMMAND_RAW_MAX:
         return Rejection.RANGE
-    return PumpCommand((raw1 / RAW_PER_V, raw2 / RAW_PER_V), bool(flags & 1), bool(flags & 2), flags >> 4)
+    return PumpCommand(
+        (raw1 / RAW_PER_V, raw2 / RAW_PER_V), bool(flags & 1), bool(flags & 2), flags >> 4, bool(flags & 4)
+    )
 
 
 def _wrong_kind(frame: Message) -> Rejection | None:

@@ -86,6 +86,7 @@ class PumpNode:
         self.lost = 0
         self.rejected: Counter[Rejection] = Counter()
         self.wall_ahead_ns = 0
+        self.is_start_phase = False  # of the last accepted command; the node itself ignores it
         self._report(0, "boot")
 
     @property
@@ -121,6 +122,7 @@ class PumpNode:
         self.lost += lost
         self.accepted += 1
         self._last = (verdict.counter, now_ns)
+        self.is_start_phase = verdict.start_phase
         self._execute(verdict, now_ns)
         return None
 

@@ -223,11 +223,16 @@ class Rig:
         return next_ns
 
     def _follow_pump(self, now_ns: int) -> None:
-        """Apply the pump node's outputs to the pumps, and start the scenario when the node first runs."""
+        """Apply the pump node's outputs to the pumps, and start the scenario.
+
+        Its time 0 is when the node first runs; after a start phase, when it runs on a command without that flag.
+        """
         if self._start_ns is None and self.pump.state is NodeState.RUN:
             self._advance_tanks(now_ns)
-            self._start_ns, self._is_held = now_ns, False
-            self._faults.start(now_ns)
+            self._is_held = False
+            if not self.pump.is_start_phase:
+                self._start_ns = now_ns
+                self._faults.start(now_ns)
         if self.pump.applied_V != self._output_V:
             self._advance_tanks(now_ns)
             self._output_V = self.pump.applied_V

@@ -8,7 +8,7 @@ from firmware_sim.level_node import Quad
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """The true state of the rig now. scenario_s is None until the pump node first runs.
+    """The true state of the rig now. scenario_s is None until the scenario starts.
 
     effectiveness : share of the flow of a pump as new, less wear and with any fault. faults : those active now, by kind
     and target.

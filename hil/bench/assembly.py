@@ -22,6 +22,7 @@ from hil.core.estimator import LevelFilter
 from hil.core.gain_design import GainDesign
 from hil.core.interlocks import Limits
 from hil.core.reconfiguration import Reconfiguration
+from hil.core.start_phase import StartConfig
 from hil.core.tanks import equilibrium
 from hil.core.types import Action, Inputs, Mode, Pair, Quad, Request, TripCause
 from hil.edge.config.rig_file import Rig, load_rig
@@ -153,6 +154,15 @@ def controller_config(bench: Bench, duration_s: float | None = None) -> Controll
         reconfigure=choice.reconfigure,
         period_s=rig.control.period_s,
         anti_windup_s=rig.control.anti_windup_s,
+        start=StartConfig(
+            when=rig.start.when,
+            rate_cm_s=rig.start.rate_cm_s,
+            settle_s=rig.start.settle_s,
+            tolerance_cm=rig.start.tolerance_cm,
+            level_max_cm=rig.safety.level_max_cm,
+            max_drives=path.max_drives,
+            max_V=rig.pumps.range_V[1],
+        ),
         pumps=path,
         sensors=rig.level_sensors,
     )

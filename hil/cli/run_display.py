@@ -105,7 +105,7 @@ def live_status(console: Console, *, with_table: bool) -> Iterator[Callable[[Inp
 def status_table(inputs: Inputs, output: Output, mode: Mode) -> Table:
     """The bench at one step."""
     record = output.record
-    title = mode.name if record is None else f"{mode.name}   {record.t_s:.1f} s"
+    title = mode.name if record is None else f"{mode.name}   {_run_time(record.t_s)}"
     table = Table(title=title, title_justify="left")
     for name in ("", "1", "2", "3", "4"):
         table.add_column(name, justify="right")
@@ -124,6 +124,10 @@ def status_table(inputs: Inputs, output: Output, mode: Mode) -> Table:
         f"late {inputs.timing.lateness_s * 1e3:.1f} ms, levels {inputs.measurement.age_s * 1e3:.0f} ms old"
     )
     return table
+
+
+def _run_time(t_s: float) -> str:
+    return f"start phase, {-t_s:.1f} s to time 0" if t_s < 0.0 else f"{t_s:.1f} s"
 
 
 def finish(console: Console, folder: Path, figures: Kpi, *, with_report: bool) -> None:

@@ -1,15 +1,15 @@
 """The control loop without the supervisor: estimate, diagnose, reconfigure, feed back, integrate.
 
-The decision behind time 0 is docs/decisions/0004-time-zero.md.
+The decisions behind time 0 are docs/decisions/0004-time-zero.md and 0026-start-phase.md.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from math import inf
 from typing import Any
 
-from hil.core import estimator, state_feedback
+from hil.core import estimator, start_phase, state_feedback
 from hil.core.active_isolation import IDLE, Probe
 from hil.core.alarm_units import in_bench_units
 from hil.core.diagnosis.detector import FaultDetector
@@ -17,6 +17,7 @@ from hil.core.estimator import Estimate, LevelFilter
 from hil.core.pumps import STRAIGHT, Pumps, UnderWay
 from hil.core.reconfiguration import Reconfiguration
 from hil.core.sensors import PLAIN, Sensors
+from hil.core.start_phase import StartConfig, StartPhase
 from hil.core.state_feedback import ControlLaw
 from hil.core.types import UNRESOLVED, Alarm, Diagnosis, Event, Inputs, Measurement, Pair, Quad, Severity
 
@@ -51,7 +52,8 @@ class LoopConfig:
 
     references : (at_s, (r1, r2) in V), ascending in time, the first at 0. reconfigure : whether the law follows the
     diagnosis; otherwise the gains stay as they are. anti_windup_s : see `state_feedback.advance_integral`. pumps,
-    sensors : what lies between the law's drives and the commands, and between readings and level signals.
+    sensors : what lies between the law's drives and the commands, and between readings and level signals. start : of
+    the start phase.
     """
 
     reconfiguration: Reconfiguration
@@ -63,12 +65,16 @@ class LoopConfig:
     anti_windup_s: float
     pumps: Pumps = STRAIGHT
     sensors: Sensors = PLAIN
+    start: StartConfig = field(default_factory=StartConfig)
 
 
 @dataclass(frozen=True, slots=True)
 class LoopState:
     """State of the control loop between two steps.
 
+    started_ns : time 0 of the run, still to come in a start phase. reference_V : (2,) outputs requested, on their
+    way in a start phase. start : the start phase that the run began with, or None. law : in force. base : the same, at
+    the end of a start phase.
     law_for : the reference, effectiveness and valve splits that the law was computed for. changed_s : run time of the
     last change of effectiveness that changed the law. refined_until_s : run time until which refinements of it are
     followed. level_cm : (4,) the levels fed back, less a probe's movement. drive_V, raw_V : (2,) what law and probe ask
@@ -90,32 +96,45 @@ class LoopState:
     raw_V: Pair
     level_cm: Quad
     under_way: UnderWay
+    base: ControlLaw
+    start: StartPhase | None = None
     changed_s: float = -inf
     refined_until_s: float = -inf
     split_s: float = -inf
     unstable_since_s: float = inf
 
     @property
+    def t_s(self) -> float:
+        """Run time of the last step, s; negative in a start phase."""
+        return (self.stepped_ns - self.started_ns) * 1e-9
+
+    @property
+    def is_starting(self) -> bool:
+        """Whether the last step was in a start phase."""
+        return self.t_s < -TIME_TOLERANCE_S
+
+    @property
     def problem(self) -> str:
         """Why the outputs can't be held; "" if they can, or if it is not known for UNSTABLE_S yet."""
-        run_s = (self.stepped_ns - self.started_ns) * 1e-9
-        return self.law.problem if run_s - self.unstable_since_s >= UNSTABLE_S else ""
+        return self.law.problem if self.t_s - self.unstable_since_s >= UNSTABLE_S else ""
 
 
 def begin(config: LoopConfig, inputs: Inputs, now_ns: int) -> LoopState:
-    """State at the first step in control.
+    """State at the first step in control, which begins the start phase if the levels found need one.
 
     From pumps at rest the integrals start at zero: the command begins with v0 plus the feedback on x, within the rate
     limit. Pumps that already run are taken over bumplessly, at the voltages they have.
     """
-    reference = config.references[0][1]
-    law = config.reconfiguration.law(reference, HEALTHY)
+    reference, level_cm = config.references[0][1], measured_level_cm(config, inputs)
+    start = start_phase.plan(config.start, config.level_filter.model, level_cm, reference, config.period_s)
+    base = config.reconfiguration.law(reference, HEALTHY)
+    law = base if start is None else start.moved(config.level_filter.model, base, -start.length_s)
     drive_V = config.pumps.drive(inputs.pumps.applied_V)
     integral = (0.0, 0.0)
     if inputs.pumps.applied_V != (0.0, 0.0):
-        integral = state_feedback.bumpless_integral(law, measured_level_cm(config, inputs), drive_V)
+        integral = state_feedback.bumpless_integral(law, level_cm, drive_V)
     return LoopState(
-        started_ns=now_ns,
+        started_ns=now_ns + (0 if start is None else start.length_ns),
         stepped_ns=now_ns,
         reference_V=reference,
         law=law,
@@ -127,7 +146,9 @@ def begin(config: LoopConfig, inputs: Inputs, now_ns: int) -> LoopState:
         iae_Vs=(0.0, 0.0),
         drive_V=(0.0, 0.0),
         raw_V=(0.0, 0.0),
-        level_cm=measured_level_cm(config, inputs),
+        level_cm=level_cm,
+        base=base,
+        start=start,
         under_way=UnderWay() if config.pumps.is_direct else UnderWay(((now_ns - 1, now_ns, drive_V),)),
     )
 
@@ -141,7 +162,7 @@ def step(
     arrived_V, under_way = _arrived(config, state, inputs, now_ns)
     estimate, memory, diagnosis = _observe(config, state, inputs, t_s, period_s, arrived_V)
     reference = _reference_at(config, t_s)
-    law, law_for, integral = state.law, state.law_for, state.integral_Vs
+    base, law_for, integral = state.base, state.law_for, state.integral_Vs
     changed_s, refined_until_s = state.changed_s, state.refined_until_s
     level_cm = _feedback_level_cm(config, inputs.measurement, diagnosis, estimate, probe)
     effectiveness = law_for[1]
@@ -157,26 +178,30 @@ def step(
         split, split_s = diagnosis.valve_split, t_s
     requested = (reference, effectiveness, split)
     if requested != law_for:
-        effective = state_feedback.effective_voltage(law, integral, level_cm)
-        law, law_for = config.reconfiguration.law(*requested), requested
+        base, law_for = config.reconfiguration.law(*requested), requested
+    law = base if state.start is None else state.start.moved(config.level_filter.model, base, t_s)
+    if base is not state.base:
+        effective = state_feedback.effective_voltage(state.law, integral, level_cm)
         integral = state_feedback.bumpless_integral(law, level_cm, effective)
     v1, v2 = state_feedback.pump_voltage(law, state_feedback.effective_voltage(law, integral, level_cm))
     drive = (v1 + probe.offset_V[0], v2 + probe.offset_V[1])
     new = LoopState(
         started_ns=state.started_ns,
         stepped_ns=now_ns,
-        reference_V=reference,
+        reference_V=reference if state.start is None else state.start.toward(t_s, reference),
         law=law,
         law_for=law_for,
         integral_Vs=integral,
         estimate=estimate,
         memory=memory,
         diagnosis=diagnosis,
-        iae_Vs=_iae(state, estimate, period_s),
+        iae_Vs=_iae(state, estimate, period_s) if t_s > TIME_TOLERANCE_S else state.iae_Vs,
         drive_V=drive,
         raw_V=config.pumps.voltage(drive),
         level_cm=level_cm,
         under_way=under_way,
+        base=base,
+        start=state.start,
         changed_s=changed_s,
         refined_until_s=refined_until_s,
         split_s=split_s,
@@ -305,7 +330,8 @@ def _change(old: Pair, new: Pair) -> float:
 
 
 def _reference_at(config: LoopConfig, t_s: float) -> Pair:
-    return next(values for at_s, values in reversed(config.references) if at_s <= t_s + TIME_TOLERANCE_S)
+    past = (values for at_s, values in reversed(config.references) if at_s <= t_s + TIME_TOLERANCE_S)
+    return next(past, config.references[0][1])
 
 
 def _iae(state: LoopState, estimate: Estimate, period_s: float) -> Pair:
@@ -316,17 +342,19 @@ def _iae(state: LoopState, estimate: Estimate, period_s: float) -> Pair:
 
 def _events(old: LoopState, new: LoopState) -> tuple[Event, ...]:
     events = [_alarm(alarm) for alarm in new.diagnosis.new_alarms]
-    if new.reference_V != old.reference_V:
+    is_first_step = new.stepped_ns == new.started_ns - (0 if new.start is None else new.start.length_ns)
+    if is_first_step and new.start is not None:
+        events.append(start_phase.begins(new.start, new.law_for[0]))
+    if new.reference_V != old.reference_V and not new.is_starting:
         r1, r2 = new.reference_V
         events.append(Event(Severity.INFO, "reference", f"reference {r1:.4f}, {r2:.4f} V", {"reference_V": [r1, r2]}))
-    is_first_step = new.stepped_ns == new.started_ns
-    if new.law is not old.law or is_first_step:
+    if new.base is not old.base or is_first_step:
         if new.law.effectiveness != old.law.effectiveness:
             e1, e2 = new.law.effectiveness
             text = f"gains recomputed for effectiveness {e1:.3f}, {e2:.3f}"
             events.append(Event(Severity.INFO, "reconfigured", text, {"effectiveness": [e1, e2]}))
         if new.law.reason:
-            r1, r2 = new.law.target_V
+            r1, r2 = new.base.target_V
             text = f"reference can't be reached ({new.law.reason}): aiming at {r1:.4f}, {r2:.4f} V"
             events.append(Event(Severity.WARNING, "target", text, {"target_V": [r1, r2], "reason": new.law.reason}))
     return tuple(events)

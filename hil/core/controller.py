@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from math import inf, isfinite
 
-from hil.core import active_isolation, closed_loop, state_feedback, supervisor
+from hil.core import active_isolation, closed_loop, start_phase, state_feedback, supervisor
 from hil.core.active_isolation import IDLE, NO_PROBE, Occasion, Probe, ProbeConfig
 from hil.core.closed_loop import TIME_TOLERANCE_S, LoopConfig, LoopState
 from hil.core.dry_watch import DryWatch, watch_dry
@@ -99,10 +99,16 @@ def step(
         period_s = (now_ns - loop.stepped_ns) * 1e-9
         loop, loop_events = closed_loop.step(config.loop, loop, inputs, now_ns, probe)
         monitors, belief = _observe(config, monitors, loop, inputs.measurement, now_ns)
+        is_zero = state.loop is not None and state.loop.is_starting and not loop.is_starting
+        if is_zero and state.supervision.mode.is_controlling:
+            belief = replace(belief, start_problem=_start_problem(config, loop, state.supervision.command_V))
+            loop_events += (start_phase.ends(belief.start_problem),)
         supervision, events = supervisor.next_mode(config.limits, state.supervision, inputs, now_ns, belief)
         probe, probe_events = _probe(config, probe, loop, supervision.mode, inputs, belief, period_s)
     events += loop_events + probe_events
     supervision, command = supervisor.safe_command(config.limits, supervision, loop.raw_V, config.loop.period_s)
+    if loop.is_starting or supervision.stopped_by == TripCause.START_FAILED:
+        command = replace(command, start_phase=True)
     record = _record(config, loop, supervision.mode, inputs, command.voltage_V, events, state.probe.offset_V)
     integral = _next_integral(config, loop, supervision.mode, inputs, command.voltage_V)
     if integral != loop.integral_Vs:
@@ -143,7 +149,9 @@ def _observe(
     if live_cm != NONE:
         levels_cm = _with_live(estimate.level_cm, live_cm)
         live_outlets = watch(model, monitors.live_outlets, levels_cm, effective_V, now_ns)
-    inflow = watch_inflow(model, monitors.inflow, estimate.level_cm, effective_V, diagnosis, now_ns)
+    inflow = InflowWatch()  # levels that rise and pumps at low voltages say little about what holds them later
+    if not loop.is_starting:
+        inflow = watch_inflow(model, monitors.inflow, estimate.level_cm, effective_V, diagnosis, now_ns)
     dry = watch_dry(model, monitors.dry, estimate.level_cm, estimate.pump_V, diagnosis.trusted, now_ns)
     belief = Belief(
         diagnosis=diagnosis,
@@ -157,6 +165,14 @@ def _observe(
         is_dry=dry.is_dry,
     )
     return Monitors(outlets=outlets, live_outlets=live_outlets, live=live, inflow=inflow, dry=dry), belief
+
+
+def _start_problem(config: ControllerConfig, loop: LoopState, command_V: Pair) -> str:
+    """Why the first reference was not reached by the end of the start phase; "" if it was."""
+    if loop.start is None:
+        return ""
+    k, (y1, y2) = config.limits.level_gain_V_cm, loop.law.target_V
+    return start_phase.problem(loop.start, config.loop.start, loop.level_cm, (y1 / k, y2 / k), command_V)
 
 
 def _probe(
@@ -177,7 +193,7 @@ def _probe(
         inputs=inputs,
         belief=belief,
         raw_V=loop.raw_V,
-        reference_s=max(past, default=-inf),
+        reference_s=t_s if loop.is_starting else max(past, default=-inf),
         next_reference_s=min(coming, default=inf),
         end_s=config.duration_s,
     )
@@ -246,7 +262,7 @@ def _record(
 ) -> TickRecord:
     law = loop.law
     return TickRecord(
-        t_s=(loop.stepped_ns - loop.started_ns) * 1e-9,
+        t_s=loop.t_s,
         mode=mode,
         measured_V=inputs.measurement.level_V,
         estimated_V=loop.estimate.level_V,

@@ -14,9 +14,9 @@ Why: docs/decisions/0022-veto-of-a-live-sensor.md.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, sqrt
+from math import inf
 
-from hil.core.tanks import TankModel, outflows
+from hil.core.tanks import TankModel, clean_outflow, water_balance
 from hil.core.types import Diagnosis, Pair, Quad
 
 LEARN_S = 120.0
@@ -78,16 +78,13 @@ def watch_inflow(
 
 def _ratios(model: TankModel, before_cm: Quad, level_cm: Quad, effective_V: Pair, period_s: float) -> Pair:
     """(2,) inflow less change of volume, over the outflow of a clean outlet."""
-    s = sqrt(2.0 * model.gravity_cm_s2)
-    out = outflows(model, level_cm, effective_V)
-    grows = [A * (h - b) / period_s for A, h, b in zip(model.area_cm2, level_cm, before_cm, strict=True)]
-    pumped = [k * v for k, v in zip(model.pump_gain_cm3_Vs, effective_V, strict=True)]
+    balance = water_balance(model, before_cm, level_cm, effective_V, period_s)
     ratios = []
     for tank, other in ((0, 1), (1, 0)):
-        split, upper, cross = model.valve_split[tank], 2 + tank, 3 - tank
-        by_level = split / max(1.0 - split, 1e-3) * (out[cross] + grows[cross])  # this pump's other tank
-        own = min(split * pumped[tank], by_level)
-        above = min(out[upper], (1.0 - model.valve_split[other]) * pumped[other])
-        clean = model.outlet_cm2[tank] * s * sqrt(max(level_cm[tank], MIN_LEVEL_CM) + model.datum_cm[tank])
-        ratios.append((own + above - grows[tank]) / clean)
+        split = model.valve_split[tank]
+        by_level = split / max(1.0 - split, 1e-3) * balance.upper_inflow[other]  # this pump's other tank
+        own = min(balance.direct[tank], by_level)
+        above = min(balance.outflow[2 + tank], balance.across[tank])
+        clean = clean_outflow(model, tank, max(level_cm[tank], MIN_LEVEL_CM))
+        ratios.append((own + above - balance.growth[tank]) / clean)
     return ratios[0], ratios[1]

@@ -74,8 +74,8 @@ class Belief:
     level_cm : (4,) estimated levels, None before the first estimate. pump_V : (2,) drives: what the pumps deliver, lag
     included, or what is still under way to the tanks, whichever is more. accommodates : whether the law follows the
     diagnosis. open_share : (2,) see `overshoot.Outlets`. live_cm : (4,) see `live_levels`. law_problem : why the law
-    can't hold the outputs; "" if it can. possible_cm : (2,) of the lower tanks, see `inflow_watch`; None before the
-    first. is_dry : see `dry_watch`.
+    can't hold the outputs; "" if it can. start_problem : why the start phase has failed; "" if it has not.
+    possible_cm : (2,) of the lower tanks, see `inflow_watch`; None before the first. is_dry : see `dry_watch`.
     """
 
     diagnosis: Diagnosis = NO_FAULT
@@ -85,6 +85,7 @@ class Belief:
     open_share: Pair = (1.0, 1.0)
     live_cm: Quad = NONE
     law_problem: str = ""
+    start_problem: str = ""
     possible_cm: Pair | None = None
     is_dry: bool = False
 
@@ -99,7 +100,7 @@ class Situation:
     level_cm : (4,) of `levels_cm`. pump_V : (2,) the most that a pump may still deliver, as the drive of a nominal
     pump. mismatch_s : how long the applied voltages have differed from the echoed command. open_share : (2,) of the
     lower tanks' outlets. live_cm : (4,) levels of sensors that are not trusted, -inf for others. law_problem,
-    possible_cm, is_dry : of the belief.
+    start_problem, possible_cm, is_dry : of the belief.
     """
 
     inputs: Inputs
@@ -110,6 +111,7 @@ class Situation:
     open_share: Pair
     live_cm: Quad
     law_problem: str
+    start_problem: str
     possible_cm: Pair | None
     is_dry: bool
 
@@ -348,6 +350,13 @@ INTERLOCKS: tuple[Interlock, ...] = (
         "no control law can hold the outputs",
         Reaction.STOP,
         detail=lambda s: s.law_problem,
+    ),
+    Interlock(
+        TripCause.START_FAILED,
+        lambda _, s: bool(s.start_problem),
+        "the start phase did not reach the first reference",
+        Reaction.STOP,
+        detail=lambda s: s.start_problem,
     ),
     Interlock(
         TripCause.SENSORS_LOST,

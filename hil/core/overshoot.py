@@ -28,7 +28,7 @@ from cmath import sqrt as complex_sqrt
 from dataclasses import dataclass, replace
 from math import exp, sqrt
 
-from hil.core.tanks import TankModel, outflows
+from hil.core.tanks import TankModel, clean_outflow, water_balance
 from hil.core.types import Pair, Quad
 
 MIN_ROOT_DISTANCE = 1e-6
@@ -52,12 +52,12 @@ MIN_LEVEL_CM = 1.0
 class Outlets:
     """State of the outlet monitor for the two lower tanks.
 
-    share : (2,) measured outflow over that of eq. (1). level_cm : (2,) levels at watched_ns, None at first.
+    share : (2,) measured outflow over that of eq. (1). level_cm : (4,) levels at watched_ns, None at first.
     earlier : (2,) the share smoothed once more, over TREND_S. drain_s : (2,) time in which the tank above drains.
     """
 
     share: Pair = (1.0, 1.0)
-    level_cm: Pair | None = None
+    level_cm: Quad | None = None
     watched_ns: int = 0
     earlier: Pair = (1.0, 1.0)
     drain_s: Pair = (0.0, 0.0)
@@ -74,21 +74,13 @@ class Outlets:
 
 def watch(model: TankModel, outlets: Outlets, level_cm: Quad, pump_V: Pair, now_ns: int) -> Outlets:
     """Update from the mass balance of each lower tank since the last step. pump_V : (2,) effective pump voltages, V."""
-    h1, h2, h3, h4 = level_cm
     period_s = (now_ns - outlets.watched_ns) * 1e-9
     if outlets.level_cm is None or period_s <= 0.0:
-        return replace(outlets, level_cm=(h1, h2), watched_ns=now_ns)
-    (last1, last2), (share1, share2) = outlets.level_cm, outlets.share
-    A1, A2, A3, A4 = model.area_cm2
-    a1, a2, a3, a4 = model.outlet_cm2
-    d1, d2, d3, d4 = model.datum_cm
-    (k1, k2), (g1, g2) = model.pump_gain_cm3_Vs, model.valve_split
-    s = sqrt(2.0 * model.gravity_cm_s2)
-    _, _, out3, out4 = outflows(model, level_cm, pump_V)
-    left1 = out3 + g1 * k1 * pump_V[0] - A1 * (h1 - last1) / period_s
-    left2 = out4 + g2 * k2 * pump_V[1] - A2 * (h2 - last2) / period_s
-    seen1 = left1 / (a1 * s * sqrt(max(h1, MIN_LEVEL_CM) + d1))
-    seen2 = left2 / (a2 * s * sqrt(max(h2, MIN_LEVEL_CM) + d2))
+        return replace(outlets, level_cm=level_cm, watched_ns=now_ns)
+    share1, share2 = outlets.share
+    left1, left2 = water_balance(model, outlets.level_cm, level_cm, pump_V, period_s).lower_outflow
+    seen1 = left1 / clean_outflow(model, 0, max(level_cm[0], MIN_LEVEL_CM))
+    seen2 = left2 / clean_outflow(model, 1, max(level_cm[1], MIN_LEVEL_CM))
     low, high = SHARE_RANGE
     weight = min(period_s / SMOOTHING_S, 1.0)
     share1 += weight * (min(max(seen1, low), high) - share1)
@@ -96,11 +88,17 @@ def watch(model: TankModel, outlets: Outlets, level_cm: Quad, pump_V: Pair, now_
     weight, (earlier1, earlier2) = min(period_s / TREND_S, 1.0), outlets.earlier
     return Outlets(
         share=(share1, share2),
-        level_cm=(h1, h2),
+        level_cm=level_cm,
         watched_ns=now_ns,
         earlier=(earlier1 + weight * (share1 - earlier1), earlier2 + weight * (share2 - earlier2)),
-        drain_s=(2.0 * A3 * _root(h3, d3) / (a3 * s), 2.0 * A4 * _root(h4, d4) / (a4 * s)),
+        drain_s=(_drain_s(model, 2, level_cm[2]), _drain_s(model, 3, level_cm[3])),
     )
+
+
+def _drain_s(model: TankModel, tank: int, level_cm: float) -> float:
+    """Time in which a tank without inflow runs empty, s."""
+    speed = model.outlet_cm2[tank] * sqrt(2.0 * model.gravity_cm_s2)
+    return 2.0 * model.area_cm2[tank] * _root(level_cm, model.datum_cm[tank]) / speed
 
 
 def _root(level_cm: float, datum_cm: float) -> float:

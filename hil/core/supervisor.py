@@ -273,6 +273,7 @@ def _situation(limits: Limits, state: Supervision, inputs: Inputs, now_ns: int, 
         open_share=belief.open_share,
         live_cm=belief.live_cm,
         law_problem=belief.law_problem,
+        start_problem=belief.start_problem,
         possible_cm=belief.possible_cm,
         is_dry=belief.is_dry,
     )

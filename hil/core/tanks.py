@@ -111,6 +111,58 @@ def outflows(model: TankModel, level_cm: Quad, pump_V: Pair) -> Quad:
     return out1, out2, out3, out4
 
 
+def clean_outflow(model: TankModel, tank: int, level_cm: float) -> float:
+    """Flow out of a tank with water in it through its clean outlet, cm^3/s. tank : 0..3."""
+    return model.outlet_cm2[tank] * sqrt(2.0 * model.gravity_cm_s2) * sqrt(level_cm + model.datum_cm[tank])
+
+
+@dataclass(frozen=True, slots=True)
+class WaterBalance:
+    """The water of all tanks between two steps, in cm^3/s, as the monitors of the interlocks use it.
+
+    direct : (2,) what the pumps send to tanks 1 and 2, by the file. across : (2,) what they send to tanks 3 and 4.
+    outflow : (4,) through clean outlets, at the later levels. growth : (4,) change of the volumes.
+    """
+
+    direct: Pair
+    across: Pair
+    outflow: Quad
+    growth: Quad
+
+    @property
+    def lower_outflow(self) -> Pair:
+        """(2,) what must have left tanks 1 and 2: what came from the pumps and from above, less what has stayed."""
+        return (
+            self.outflow[2] + self.direct[0] - self.growth[0],
+            self.outflow[3] + self.direct[1] - self.growth[1],
+        )
+
+    @property
+    def upper_inflow(self) -> Pair:
+        """(2,) what must have come into tanks 3 and 4: what has left, and what has stayed."""
+        return self.outflow[2] + self.growth[2], self.outflow[3] + self.growth[3]
+
+
+def water_balance(model: TankModel, before_cm: Quad, level_cm: Quad, pump_V: Pair, period_s: float) -> WaterBalance:
+    """The balance of a period of period_s > 0 from the levels before and after. pump_V : (2,) effective drives."""
+    (g1, g2), (k1, k2) = model.valve_split, model.pump_gain_cm3_Vs
+    q1, q2 = k1 * pump_V[0], k2 * pump_V[1]
+    h1, h2, h3, h4 = level_cm
+    b1, b2, b3, b4 = before_cm
+    A1, A2, A3, A4 = model.area_cm2
+    return WaterBalance(
+        direct=(g1 * q1, g2 * q2),
+        across=((1.0 - g2) * q2, (1.0 - g1) * q1),
+        outflow=outflows(model, level_cm, pump_V),
+        growth=(
+            A1 * (h1 - b1) / period_s,
+            A2 * (h2 - b2) / period_s,
+            A3 * (h3 - b3) / period_s,
+            A4 * (h4 - b4) / period_s,
+        ),
+    )
+
+
 def through_flow_matrix(model: TankModel) -> Array:
     """(4, 2) M with a_i sqrt(2 g (h_i + d_i)) = M v at rest: lower tanks pass on what the upper ones let through."""
     inflow = pump_matrix(model)

@@ -67,6 +67,7 @@ class TripCause(StrEnum):
     PUMP_STUCK_ON = "pump_stuck_on"
     PUMP_DEAD = "pump_dead"
     NO_STABLE_LAW = "no_stable_law"
+    START_FAILED = "start_failed"
     ESTIMATOR_DIVERGED = "estimator_diverged"
     BUS_FAILED = "bus_failed"
     CONTROLLER_FAILED = "controller_failed"
@@ -212,11 +213,15 @@ class Inputs:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What is sent to the pump node: voltages within range and rate, or disabled at 0 V."""
+    """What is sent to the pump node: voltages within range and rate, or disabled at 0 V.
+
+    start_phase : time 0 of the scenario has not come; the emulator needs to know, a pump node ignores it.
+    """
 
     voltage_V: Pair
     enable: bool
     clear_trip: bool = False
+    start_phase: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -297,7 +302,7 @@ class Diagnosis:
 
 @dataclass(frozen=True, slots=True)
 class TickRecord:
-    """One control step, as recorded. Time is that of the run: 0 at the first step in control.
+    """One control step, as recorded. Time is that of the run: 0 at the first step in control or after a start phase.
 
     monotonic_ns : the same moment on the clock that drives the loop.
     """

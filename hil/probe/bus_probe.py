@@ -146,6 +146,7 @@ class Probe:
             "Command2": voltage_V[1],
             "Enable": int(enable),
             "ClearTrip": int(clear),
+            "StartPhase": 0,
             "Counter": counter,
         }
         return self._command.encode(values)

@@ -55,6 +55,7 @@ class CommandSender:
             "Command2": command.voltage_V[1],
             "Enable": int(command.enable),
             "ClearTrip": int(command.clear_trip),
+            "StartPhase": int(command.start_phase),
             "Counter": counter,
         }
         payload = self._spec.encode(values)

@@ -15,7 +15,7 @@ from cantools.database.can import Database, Signal
 from crccheck.crc import Crc8Autosar
 
 SIGNALS = {
-    "PumpCommand": ("Command1", "Command2", "Enable", "ClearTrip", "Counter", "Crc"),
+    "PumpCommand": ("Command1", "Command2", "Enable", "ClearTrip", "StartPhase", "Counter", "Crc"),
     "PumpStatus": ("Applied1", "Applied2", "State", "TripCause", "Echo", "Counter", "Accepted", "Crc"),
     "LowerLevels": ("Level1", "Level2", "Status1", "Status2", "Counter", "Crc"),
     "UpperLevels": ("Level3", "Level4", "Status3", "Status4", "Counter", "Crc"),

@@ -30,9 +30,15 @@ def shipped() -> EmulatorSettings:
 
 
 def command_bytes(
-    v1: float = 0.0, v2: float = 0.0, *, enable: bool = True, clear: bool = False, counter: int = 0
+    v1: float = 0.0,
+    v2: float = 0.0,
+    *,
+    enable: bool = True,
+    clear: bool = False,
+    counter: int = 0,
+    starts: bool = False,
 ) -> bytes:
-    flags = enable | clear << 1 | counter << 4
+    flags = enable | clear << 1 | starts << 2 | counter << 4
     return sealed(COMMAND_ID, struct.pack("<HHB", round(v1 * 5000), round(v2 * 5000), flags))
 
 
@@ -40,5 +46,5 @@ def frame_of(data: bytes, can_id: int = COMMAND_ID, **kind: Any) -> Message:
     return Message(arbitration_id=can_id, data=data, **({"is_extended_id": False} | kind))
 
 
-def command(v1: float = 0.0, v2: float = 0.0, *, enable: bool = True, clear: bool = False, counter: int = 0) -> Message:
-    return frame_of(command_bytes(v1, v2, enable=enable, clear=clear, counter=counter))
+def command(v1: float = 0.0, v2: float = 0.0, **flags: Any) -> Message:
+    return frame_of(command_bytes(v1, v2, **flags))

@@ -152,6 +152,19 @@ def test_the_rig_is_held_until_the_pump_node_first_runs() -> None:
     assert rig.start_ns == round(30.1 * SECOND)
 
 
+def test_the_scenario_waits_for_the_end_of_the_controller_s_start_phase() -> None:
+    """The tanks are free from the first command on; the faults wait for the first one without the flag."""
+    rig = bench(faults=(PumpEffectiveness(at_s=0.3, kind="pump_effectiveness", target=2, value=0.4),))
+    start = rig.truth().levels_cm
+    for number in range(5, 25):
+        rig.advance(number * 100 * MS)
+        assert rig.receive(command(3.0, 3.0, counter=number % 16, starts=number < 20), rig.now_ns) is None
+    assert rig.start_ns == 2000 * MS
+    assert rig.truth().levels_cm != start
+    assert rig.truth().scenario_s == pytest.approx(0.4)
+    assert rig.truth().effectiveness == (1.0, 0.4)
+
+
 def test_without_hold_the_tanks_drain_from_power_up() -> None:
     rig = bench(emulator(tanks={"hold_until_run": False}))
     rig.advance(30 * SECOND)

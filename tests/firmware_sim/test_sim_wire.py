@@ -47,6 +47,7 @@ def packed(can_id: int, values: dict[str, Any]) -> bytes:
             values["Command2"],
             enable=bool(values["Enable"]),
             clear=bool(values["ClearTrip"]),
+            starts=bool(values["StartPhase"]),
             counter=values["Counter"],
         )
     if can_id == STATUS_ID:
@@ -99,6 +100,7 @@ def test_golden_commands_are_parsed(golden: dict[str, Any]) -> None:
         bool(values["Enable"]),
         bool(values["ClearTrip"]),
         values["Counter"],
+        bool(values["StartPhase"]),
     )
 
 
@@ -153,17 +155,18 @@ def test_heartbeats_at_their_limits_match_the_dbc(
     assert database.encode_message(can_id, expected | {"Crc": data[-1]}) == data
 
 
-@given(VOLTS, VOLTS, st.booleans(), st.booleans(), NIBBLE)
+@given(VOLTS, VOLTS, st.booleans(), st.booleans(), st.booleans(), NIBBLE)
 def test_commands_encoded_by_the_dbc_are_parsed(
-    database: Database, v1: float, v2: float, enable: bool, clear: bool, counter: int
+    database: Database, v1: float, v2: float, enable: bool, clear: bool, starts: bool, counter: int
 ) -> None:
-    values = {"Command1": v1, "Command2": v2, "Enable": enable, "ClearTrip": clear, "Counter": counter}
+    flags = {"Enable": enable, "ClearTrip": clear, "StartPhase": starts}
+    values = {"Command1": v1, "Command2": v2, **flags, "Counter": counter}
     data = database.encode_message(COMMAND_ID, values | {"Crc": 0})
     data = frames.sealed(COMMAND_ID, data[:-1])
     parsed = parse_command(frame_of(data))
     assert isinstance(parsed, PumpCommand)
     assert parsed.command_V == pytest.approx((v1, v2))
-    assert parsed == PumpCommand(parsed.command_V, enable, clear, counter)
+    assert parsed == PumpCommand(parsed.command_V, enable, clear, counter, starts)
 
 
 def test_ids_data_ids_and_lengths_are_those_of_the_dbc(database: Database) -> None:
@@ -219,7 +222,7 @@ def test_what_is_not_a_good_command_is_rejected(frame: Message, cause: frames.Re
 
 def test_spare_bits_are_ignored() -> None:
     payload = bytearray(GOOD[:5])
-    payload[4] |= 0b1100
+    payload[4] |= 0b1000
     assert parse_command(frame_of(frames.sealed(COMMAND_ID, bytes(payload)))) == parse_command(frame_of(GOOD))
 
 

@@ -48,6 +48,6 @@ def test_what_can_not_be_judged_is_not_dry(how: dict[str, tuple[float, ...]]) ->
 
 
 def test_a_look_at_the_same_time_begins_again() -> None:
-    before = DryWatch((0.0, 0.0), 9.0, (1.0, 1.0), SECOND)
+    before = DryWatch((0.0, 0.0), 9.0, (1.0, 1.0, 1.0, 1.0), SECOND)
     again = watch_dry(BENCH, before, (1.0, 1.0, 0.5, 0.4), (3.0, 3.0), ALL, SECOND)
-    assert again == DryWatch(level_cm=(0.5, 0.4), watched_ns=SECOND)
+    assert again == DryWatch(level_cm=(1.0, 1.0, 0.5, 0.4), watched_ns=SECOND)

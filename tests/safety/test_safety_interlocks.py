@@ -103,6 +103,7 @@ def test_trips_stand_before_stops() -> None:
         TripCause.PUMP_DEAD,
         TripCause.HIGH_LEVEL,
         TripCause.NO_STABLE_LAW,
+        TripCause.START_FAILED,
         TripCause.SENSORS_LOST,
     ]
 
@@ -667,6 +668,7 @@ def test_rejected_frames_are_named_where_they_may_be_the_reason(interlock: Inter
             open_share=(1.0, 1.0),
             live_cm=NONE,
             law_problem="",
+            start_problem="",
             possible_cm=None,
             is_dry=False,
         )

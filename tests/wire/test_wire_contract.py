@@ -44,7 +44,8 @@ def test_sender_writes_the_golden_commands(golden: dict[str, Any]) -> None:
     assert sender.frame_id == golden["id"]
     for _ in range(values["Counter"]):
         sender.encode(Command((0.0, 0.0), enable=False), 0)
-    command = Command((values["Command1"], values["Command2"]), bool(values["Enable"]), bool(values["ClearTrip"]))
+    flags = [bool(values[name]) for name in ("Enable", "ClearTrip", "StartPhase")]
+    command = Command((values["Command1"], values["Command2"]), *flags)
     assert sender.encode(command, 0).hex(" ") == golden["data"]
 
 
@@ -277,7 +278,7 @@ def test_the_dbc_as_it_is_passes_what_a_damaged_one_has_to() -> None:
 
 def test_a_signal_too_many_is_spare_bits() -> None:
     """It used to make every command impossible to encode, the one for 0 V included."""
-    extra = with_change(" SG_ Counter : 36|4@1+", ' SG_ Spare : 34|2@1+ (1,0) [0|3] "" PUMPS\n SG_ Counter : 36|4@1+')
+    extra = with_change(" SG_ Counter : 36|4@1+", ' SG_ Spare : 35|1@1+ (1,0) [0|1] "" PUMPS\n SG_ Counter : 36|4@1+')
     contract = Contract.from_dbc(extra)
     assert CommandSender(contract).encode(go(), 0) == CommandSender(CONTRACT).encode(go(), 0)
 

@@ -27,7 +27,7 @@ MS = 1_000_000
 NODE_FRAMES = ("PumpStatus", "LowerLevels", "UpperLevels", "PumpHeartbeat", "LevelHeartbeat")
 
 DEFAULTS: dict[str, dict[str, float]] = {
-    "PumpCommand": {"Command1": 3.0, "Command2": 4.0, "Enable": 1, "ClearTrip": 0},
+    "PumpCommand": {"Command1": 3.0, "Command2": 4.0, "Enable": 1, "ClearTrip": 0, "StartPhase": 0},
     "PumpStatus": {"Applied1": 3.0, "Applied2": 4.0, "State": 2, "TripCause": 0, "Echo": 0, "Accepted": 1},
     "LowerLevels": {"Level1": 6.0, "Level2": 6.4, "Status1": 0, "Status2": 0},
     "UpperLevels": {"Level3": 0.8, "Level4": 0.7, "Status3": 0, "Status4": 0},

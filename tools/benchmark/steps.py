@@ -23,7 +23,15 @@ def codec(effort: Effort) -> list[Section]:
     specs = {spec.frame_id: spec for spec in bench.contract.frames.values()}
     database: Any = cantools.database.load_file(bench.dbc_path)
     command = bench.contract.frames["PumpCommand"]
-    values: dict[str, Any] = {"Command1": 3.1, "Command2": 2.9, "Enable": 1, "ClearTrip": 0, "Counter": 7, "Crc": 0}
+    values: dict[str, Any] = {
+        "Command1": 3.1,
+        "Command2": 2.9,
+        "Enable": 1,
+        "ClearTrip": 0,
+        "StartPhase": 0,
+        "Counter": 7,
+        "Crc": 0,
+    }
     frames = capture.frames[:400]
 
     def admit() -> None:

@@ -55,8 +55,8 @@ FILES = (
         "Rig file",
         "`config/rig.toml`: the process and the bench as the controller knows them. A scenario's `[rig]` table "
         "replaces single keys. The column *shipped* has the value in the project's own file. `tanks.datum_cm`, "
-        "`pumps.dead_zone_V`, `curve_1_V` and `delay_s`, `sensors.offset_V` and the table `uncertainty` may be left "
-        "out, which gives that value; every other key is required.",
+        "`pumps.dead_zone_V`, `curve_1_V` and `delay_s`, `sensors.offset_V` and the tables `start` and `uncertainty` "
+        "may be left out, which gives that value; every other key is required.",
         Rig,
         ROOT / "config/rig.toml",
         is_shipped=True,

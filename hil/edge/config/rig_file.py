@@ -9,6 +9,7 @@ from pydantic import Field, field_validator, model_validator
 
 from hil.core.pumps import Pumps as PumpPath
 from hil.core.sensors import Sensors as LevelSensors
+from hil.core.start_phase import When
 from hil.core.tanks import TankModel, equilibrium
 from hil.core.types import Pair, Quad
 from hil.core.uncertainty import Uncertainty
@@ -200,6 +201,20 @@ class Safety(Section):
     stop_ramp_V_s: Positive
 
 
+class Start(Section):
+    """How a run begins whose tanks are not at its first reference."""
+
+    phase: Literal["auto", "always", "never"] = "auto"
+    rate_cm_s: Annotated[float, Field(gt=0.0, le=1.0, allow_inf_nan=False)] = 0.1
+    settle_s: Annotated[float, Field(ge=0.0, le=3600.0, allow_inf_nan=False)] = 60.0
+    tolerance_cm: Positive = 0.5
+
+    @property
+    def when(self) -> When:
+        """The choice of `phase`."""
+        return When(self.phase)
+
+
 class Bus(Section):
     """Which CAN bus, in python-can's words."""
 
@@ -227,6 +242,7 @@ class Rig(Section):
     sensors: Sensors
     control: Control
     safety: Safety
+    start: Start = Start()
     bus: Bus
     uncertainty: Doubt = Doubt()
 

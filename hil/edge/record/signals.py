@@ -113,7 +113,10 @@ def _pump_curve(pump: int, name: str, color: int, width: float = 1.5, layer: int
 
 
 SIGNALS: tuple[Signal, ...] = (
-    Signal("t_s", "s", "run time: 0 at the first step in control", lambda step: step.record.t_s, digits=9),
+    Signal(
+        "t_s", "s", "run time: 0 at the first step in control, or after a start phase",
+        lambda step: step.record.t_s, digits=9,
+    ),
     Signal(
         "mode", "", "mode of the controller, as the number of hil.core.types.Mode", lambda step: step.record.mode,
         Curve("bench/mode", "mode, as its number", WHITE), digits=None,

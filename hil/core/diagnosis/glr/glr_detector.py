@@ -92,7 +92,7 @@ class GlrDetector:
         alarms += drift_review.step(config, m, measurement)
         if m.lost:
             alarms += sensor_monitor.readmit(config, m, measurement)
-        if m.suspicion is None and m.max_ratio >= config.tuning.detect and t_s >= config.tuning.settle_s:
+        if m.suspicion is None and m.max_ratio >= config.tuning.detect and t_s - m.begun_s >= config.tuning.settle_s:
             isolation.suspect(m)
         if m.suspicion is not None:
             alarms += isolation.isolate(config, m, m.suspicion)

@@ -229,7 +229,8 @@ class Checkpoint:
 class Memory:
     """The filter (x, P), the bank and its history, what was learned of the sensors, and what was declared.
 
-    result : of the last filter step. applied_V : (2,) at the last step. usual_s : the last period without a gap.
+    begun_s : run time of the first readings, negative in a start phase. result : of the last filter step. applied_V :
+    (2,) at the last step. usual_s : the last period without a gap.
     scale : (4,) by how much the innovations' variance exceeds what the sensors' noise explains. noise : of the
     process. best, max_ratio : the bank's answer, by hypothesis, and the greatest ratio of all. declared : by place in
     JUMPS. stuck_checks : by pump, from 0. scratch : replays for trying onsets. usable : whether the filter uses a
@@ -246,6 +247,7 @@ class Memory:
     sensors: list[SensorStatistics]
     noise: ProcessNoise
     t_s: float
+    begun_s: float
     now: int = 0
     bank: Bank = field(default_factory=Bank.empty)
     history: History = field(default_factory=History.empty)
@@ -289,7 +291,7 @@ class Memory:
         variance[GAIN:LEAK] = config.prior[GAIN:LEAK] ** 2
         sensors = [SensorStatistics(noise_V**2) for noise_V in config.noise_V]
         noise = ProcessNoise.begin(tuning.min_level_walk)
-        memory = cls(x=x, P=np.diag(variance), sensors=sensors, noise=noise, t_s=t_s, applied_V=applied_V)
+        memory = cls(x=x, P=np.diag(variance), sensors=sensors, noise=noise, t_s=t_s, begun_s=t_s, applied_V=applied_V)
         memory.times_s[0] = t_s
         memory.open_slot()
         return memory

@@ -10,7 +10,7 @@ class Tuning:
     """Thresholds, priors and times.
 
     Detection.
-    detect : log-likelihood ratio that raises an alarm. settle_s : no alarm before this run time.
+    detect : log-likelihood ratio that raises an alarm. settle_s : no alarm in this time after the first readings.
 
     Isolation.
     margin : by how much the likeliest hypothesis must lead.

@@ -1,0 +1,53 @@
+"""Runs from empty tanks, as on every real rig: through the wire, with the diagnosis at work."""
+
+from typing import Any
+
+import pytest
+
+from tests.faults.faults_bench import Run, fault, play, scenario_data
+
+EMPTY = {"tanks": {"start_V": [0.0, 0.0]}}
+QUICK = {"start": {"rate_cm_s": 0.3, "settle_s": 25.0}}
+
+
+def from_empty(*faults: dict[str, Any], method: str = "glr", **emulator: Any) -> dict[str, Any]:
+    truth = {"tanks": EMPTY["tanks"], **emulator}
+    return scenario_data(*faults, duration_s=8.0, method=method, emulator=truth, rig=QUICK)
+
+
+def begun_s(run: Run) -> float:
+    (first, last) = run.times("start_phase")
+    assert last == 0.0
+    assert first == run.ticks[0].t_s < 0.0
+    return first
+
+
+def test_the_scenario_s_clock_starts_at_the_end_of_the_start_phase_in_both_programs() -> None:
+    """The emulator's scenario started when the pumps first ran: a fault at 5 s came while the tanks were filling."""
+    run = play(from_empty(fault("pump_effectiveness", 5.0, 1, 0.4)))
+    assert begun_s(run) < -60.0
+    assert run.at(0.0).t_s == 0.0
+    assert run.truth_at(-1.0).scenario_s is None
+    assert run.truth_at(4.0).scenario_s == pytest.approx(4.0)
+    assert run.truth_at(4.9).effectiveness == (1.0, 1.0)
+    assert run.truth_at(5.1).effectiveness == (0.4, 1.0)
+    assert run.finding("pump_effectiveness 1").detected_s == pytest.approx(5.3, abs=0.3)
+    assert run.outcome.t_s == pytest.approx(8.2, abs=0.3)
+    assert run.seen.column("h1_cm")[-1] < 14.0
+
+
+def test_a_run_that_begins_at_its_reference_has_none() -> None:
+    run = play(scenario_data(duration_s=2.0, rig=QUICK))
+    assert run.times("start_phase") == []
+    assert run.ticks[0].t_s == 0.0
+
+
+@pytest.mark.parametrize("gain", [0.85, 1.15])
+def test_pumps_that_are_not_as_the_file_says_with_a_dead_zone_get_through_without_a_trip(gain: float) -> None:
+    """Pumps 15 % stronger than their file tripped in 2 s, from empty tanks, as stuck on."""
+    pumps = {"gain_cm3_Vs": [gain * 3.33, gain * 3.35], "dead_zone_V": 0.5}
+    run = play(from_empty(pumps=pumps), seed=1)
+    begun_s(run)
+    assert run.trips == [], run.told
+    assert run.outcome.status == "complete"
+    assert max(run.at(0.0).measured_V[:2]) < 7.0
