@@ -44,7 +44,7 @@ def load(
     scenario : str or path
         A scenario file, or the name of a shipped one, such as ``"paper"``.
     rig : str or path, optional
-        A rig file, or the name of a shipped one, such as ``"johansson_minus"``, in place of the configuration's
+        A rig file, or the name of a shipped one, such as ``"decenter2021"``, in place of the configuration's
         `rig.toml`. The emulator then is this rig, too, plus what the scenario's `[emulator]` table says otherwise.
     config : str or path, optional
         Folder with `rig.toml`, `emulator.toml` and `bench.dbc`; the shipped one by default.

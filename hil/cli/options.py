@@ -38,7 +38,7 @@ RigFile = Annotated[
     typer.Option(
         "--rig",
         metavar="RIG",
-        help="A rig file, or the name of a shipped one, such as johansson_minus. Default: rig.toml of --config.",
+        help="A rig file, or the name of a shipped one, such as decenter2021. Default: rig.toml of --config.",
     ),
 ]
 EmulatedRigFile = Annotated[

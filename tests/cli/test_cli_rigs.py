@@ -13,7 +13,7 @@ from hil.edge.config.shipped import RIGS, shipped_names
 from hil.edge.record.run_folder import RunFolder
 from tests.cli.cli_bench import CONFIG, ROOT, CommandLine, assert_refused, scenario_text
 
-SHIPPED = ("johansson_minus", "johansson_plus")
+SHIPPED = ("decenter2021", "johansson_minus", "johansson_plus")
 
 
 def lqr_example() -> GainDesign:
@@ -106,3 +106,19 @@ def test_a_campaign_runs_on_the_rig(command_line: CommandLine, tmp_path: Path) -
     assert rows[0]["key"] != rows[1]["key"], "another rig is another case"
     assert rows[1]["level_max_cm"] < rows[0]["level_max_cm"] - 1.0
     assert rows[1]["false_alarms"] == 0
+
+
+@pytest.mark.parametrize("rig", ["decenter2021", "johansson_minus"])
+def test_a_shipped_rig_rests_at_its_operating_point_without_an_alarm(rig: str) -> None:
+    """Sensors that fall with the level, or a tank of another height, must not disturb a healthy run."""
+    result = hil.simulate("rest", rig=rig, duration_s=5.0)
+    assert (result.status, result.alarms) == ("complete", ())
+    levels_cm = [result.series[f"true_h{tank}_cm"] for tank in (1, 2)]
+    assert all(abs(level[-1] - level[0]) < 0.2 for level in levels_cm)
+
+
+def test_the_pumps_of_the_open_hardware_rig_give_what_its_authors_curve_says() -> None:
+    """Wire voltage 10 V is full width of their pulses: c1 (1 - c3) / (1 - c2) cm3/s."""
+    rig = hil.load("rest", rig="decenter2021").rig
+    for pump, (c1, c2, c3) in enumerate(((39.01, -0.00124, 0.03386), (41.15, 0.00987, 0.04304))):
+        assert 10.0 * rig.pumps.gain_cm3_Vs[pump] == pytest.approx(c1 * (1.0 - c3) / (1.0 - c2), rel=1e-3)
