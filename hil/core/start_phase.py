@@ -83,7 +83,7 @@ class StartPhase:
         elapsed_s = t_s + self.length_s
         if elapsed_s >= self.ramp_s:
             return target_V
-        share = elapsed_s / self.ramp_s
+        share = max(elapsed_s / self.ramp_s, 0.0)  # the first step's time may lie before it by rounding
         (a1, a2), (b1, b2) = self.from_V, target_V
         return a1 + share * (b1 - a1), a2 + share * (b2 - a2)
 

@@ -9,7 +9,7 @@ from hil.core import start_phase
 from hil.core.controller import ControllerConfig
 from hil.core.gain_design import choose_rig_design
 from hil.core.reconfiguration import Reconfiguration
-from hil.core.start_phase import FAR_BELOW, LEVEL_MARGIN_CM, StartConfig, When, plan
+from hil.core.start_phase import FAR_BELOW, LEVEL_MARGIN_CM, StartConfig, StartPhase, When, plan
 from hil.core.tanks import equilibrium, linearise
 from hil.core.types import Mode, Pair, TickRecord
 from tests.core.core_bench import BENCH, LIMITS, Plant, bench_loop, run
@@ -70,6 +70,12 @@ def test_outputs_to_aim_at_move_together_and_then_stay() -> None:
     halfway = phase.toward(-phase.length_s + 0.5 * phase.ramp_s, REST_V)
     assert halfway == pytest.approx((0.5 * REST_V[0], 0.5 * REST_V[1]))
     assert phase.toward(-60.0, REST_V) == REST_V == phase.toward(0.0, REST_V)
+
+
+def test_the_first_step_may_be_early_by_rounding() -> None:
+    """From empty tanks the first target lay below 0 cm by 1e-12, and the run ended with a math domain error."""
+    phase = StartPhase((0.0, 0.0), 100.0, 160.0)
+    assert phase.toward(-160.0 - 1e-9, REST_V) == (0.0, 0.0)
 
 
 def test_a_ramp_that_would_fill_the_upper_tanks_is_slower() -> None:
