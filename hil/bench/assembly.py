@@ -308,7 +308,8 @@ def _probe(choice: DiagnosisChoice) -> ProbeConfig:
     return ProbeConfig(
         is_allowed=choice.probe,
         voltage_V=choice.probe_V,
-        half_s=choice.probe_s,
+        move_s=choice.probe_s,
+        hold_s=choice.probe_hold_s,
         after_s=choice.probe_after_s,
         again_s=choice.probe_again_s,
     )

@@ -3,16 +3,19 @@
 At rest, under integral action, a slow leak or blockage of a lower tank and a slow drift of its sensor give the same
 readings and the same voltages. Their time constants differ, T = A/a sqrt(2 h/g), because a drift hides another level.
 So while the diagnosis asks which of the two it is (`Diagnosis.open_question`), both pumps move up by `voltage_V` for
-`half_s`, then down by as much for as long. This is the probe.
+`move_s`, then hold the levels that they have reached for `hold_s`, and move down by `voltage_V` for `move_s`. This is
+the probe. Most of what it tells comes from the time in which the levels are away from where they were: hence the hold.
 
 waiting   a question is open; the probe begins when it has been open for `after_s` without a change of the reference,
-          and when there is room: see `reason_to_wait`
+          when the two explanations put the level so far apart that a movement can tell, and when there is room: see
+          `reason_to_wait`
 moving    the offset is added to what the control law asks for. The law does not act on the movement of the levels that
           the offset causes by the model (`deviation_cm`), and so does not cancel it; it acts on everything else
 settling  the offset is zero, and the expected movement dies away with the time constants of the tanks: no bump
 
-The movement ends at once when the question is answered, the reference changes, the loop no longer controls, or a level
-or a pump comes near a limit. Interlocks take no notice of a probe. Why: docs/decisions/0027-active-isolation.md.
+The movement ends at once when the question is answered, the reference changes, the loop no longer controls, a level
+moves further than all water of the movement could move it, or a level or a pump comes near a limit. Interlocks take
+no notice of a probe. Why: docs/decisions/0027-active-isolation.md.
 """
 
 from __future__ import annotations
@@ -33,8 +36,17 @@ LEVEL_ROOM_CM = 0.5
 MIN_LEVEL_CM = 0.25
 """Lowest level of a tank during the movement: below it sensors and model say little."""
 
+MIN_APART_CM = 0.3
+"""Explanations that put the level closer together can't be told apart by one movement."""
+
+AGAIN_APART = 1.5
+"""A question is asked again sooner when they are so many times as far apart as at the last movement."""
+
 SETTLED_CM = 0.005
 """A smaller expected movement of the levels is no longer subtracted."""
+
+MIN_EFFECT = 1e-4
+"""Least effect of a pump on its own lower tank, cm/(V s), that is divided by."""
 
 MIN_EFFECTIVENESS = 0.5
 """A pump with less moves too little."""
@@ -51,16 +63,23 @@ REST = (0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class ProbeConfig:
-    """Settings of the probe. voltage_V, half_s : of each half of the movement.
+    """Settings of the probe. voltage_V, move_s : of the movement up and of that down. hold_s : between the two.
 
-    after_s : how long a question must be open. again_s : time from one movement to the next about the same alarm.
+    after_s : how long a question must be open. again_s : time from one movement to the next about the same alarm, if
+    the explanations have not come much further apart.
     """
 
     is_allowed: bool = False
     voltage_V: float = 0.3
-    half_s: float = 30.0
+    move_s: float = 30.0
+    hold_s: float = 60.0
     after_s: float = 10.0
     again_s: float = 300.0
+
+    @property
+    def total_s(self) -> float:
+        """Length of the whole movement."""
+        return 2.0 * self.move_s + self.hold_s
 
 
 NO_PROBE = ProbeConfig()
@@ -89,8 +108,9 @@ class Probe:
 
     offset_V : (2,) added to what the law asks for. deviation_cm : (4,) movement of the levels that the offset has
     caused by the model. question : that is open, since open_s; seen_s : when it was last seen. begun_s : of the
-    movement, inf while there is none; alarm : that it is about. linear : model of the levels, None when they have
-    settled. ended : for each alarm the run time at which the last movement about it ended. told : the reason to wait
+    movement, inf while there is none; alarm, apart_cm, start_cm : the alarm that it is about, `apart_cm` of the
+    question and (4,) levels when it began. linear : model of the levels, None when they have settled. ended : the
+    alarms that were probed, with run time of the end and `apart_cm` of the last movement. told : the reason to wait
     that was reported.
     """
 
@@ -101,8 +121,10 @@ class Probe:
     seen_s: float = -inf
     begun_s: float = inf
     alarm: int = 0
+    apart_cm: float = 0.0
+    start_cm: Quad = NONE
     linear: LinearModel | None = None
-    ended: tuple[tuple[int, float], ...] = ()
+    ended: tuple[tuple[int, float, float], ...] = ()
     told: str = ""
 
     @property
@@ -124,12 +146,12 @@ def step(config: ProbeConfig, limits: Limits, probe: Probe, at: Occasion, t_s: f
         reason = _reason_to_end(config, limits, probe, at, t_s)
         if reason:
             return _end(probe, reason, t_s)
-        return replace(probe, offset_V=_offset(config, t_s - probe.begun_s)), ()
+        return replace(probe, offset_V=_offset(config, probe, t_s - probe.begun_s)), ()
     if probe.question is None or probe.seen_s != t_s or not at.mode.is_controlling:
         return probe, ()
-    ended_s = dict(probe.ended).get(probe.question.alarm, -inf)
-    due_s = max(probe.open_s + config.after_s, at.reference_s + config.after_s, ended_s + config.again_s)
-    if t_s < due_s - TOLERANCE_S:
+    if t_s < max(probe.open_s, at.reference_s) + config.after_s - TOLERANCE_S:
+        return probe, ()
+    if probe.question.apart_cm < MIN_APART_CM or _is_too_soon(config, probe, probe.question, at, t_s):
         return probe, ()
     reason = reason_to_wait(config, limits, probe.question, at, t_s)
     if reason:
@@ -144,7 +166,7 @@ def reason_to_wait(config: ProbeConfig, limits: Limits, question: OpenQuestion, 
     bound holds for every explanation that is still possible.
     """
     diagnosis, belief = at.belief.diagnosis, at.belief
-    if min(at.next_reference_s, at.end_s) - t_s < 2.0 * config.half_s:
+    if at.next_reference_s - t_s < config.total_s or at.end_s - t_s < config.move_s:
         return "the reference changes soon, or the run ends"
     is_failed = min(diagnosis.effectiveness) < MIN_EFFECTIVENESS or not all(at.inputs.measurement.valid)
     if is_failed or _is_in_doubt(diagnosis) or _lost_sensors(diagnosis, question.tank):
@@ -155,7 +177,7 @@ def reason_to_wait(config: ProbeConfig, limits: Limits, question: OpenQuestion, 
     reach_V = config.voltage_V + PUMP_ROOM_V
     if min(at.raw_V) - reach_V < low_V or max(at.raw_V) + reach_V > high_V:
         return "a pump is near the limit of its range"
-    rises = rise_cm(limits, config.voltage_V, config.half_s)
+    rises = rise_cm(limits, config)
     seen = levels_cm(limits, at.inputs, belief)
     if any(h + rise > limits.level_max_cm - LEVEL_ROOM_CM for h, rise in zip(seen, rises, strict=True)):
         return "a level is too high"
@@ -164,15 +186,17 @@ def reason_to_wait(config: ProbeConfig, limits: Limits, question: OpenQuestion, 
     return ""
 
 
-def rise_cm(limits: Limits, voltage_V: float, for_s: float) -> Quad:
-    """(4,) how far each level rises if nothing leaves that both pumps give more: an upper bound.
+def rise_cm(limits: Limits, config: ProbeConfig) -> Quad:
+    """(4,) how far each level rises if nothing leaves of what both pumps give more in `move_s`: an upper bound, in cm.
 
     Into a lower tank come its own pump's share and, through the tank above, the other pump's.
     """
     model = limits.model
     per_V = pump_matrix(model).sum(axis=1).tolist()
     flows = (per_V[0] + per_V[2], per_V[1] + per_V[3], per_V[2], per_V[3])
-    h1, h2, h3, h4 = (flow * voltage_V * for_s / area for flow, area in zip(flows, model.area_cm2, strict=True))
+    h1, h2, h3, h4 = (
+        flow * config.voltage_V * config.move_s / area for flow, area in zip(flows, model.area_cm2, strict=True)
+    )
     return h1, h2, h3, h4
 
 
@@ -202,30 +226,57 @@ def _follow(probe: Probe, at: Occasion, period_s: float) -> Probe:
     return replace(probe, deviation_cm=(d1, d2, d3, d4))
 
 
-def _offset(config: ProbeConfig, since_s: float) -> Pair:
-    voltage_V = config.voltage_V if since_s < config.half_s - TOLERANCE_S else -config.voltage_V
-    return voltage_V, voltage_V
+def _is_too_soon(config: ProbeConfig, probe: Probe, question: OpenQuestion, at: Occasion, t_s: float) -> bool:
+    """Whether a movement about this alarm has ended a short time ago, and nothing is known that makes another urgent.
+
+    A drift that has been declared is reviewed by one movement; a question that nothing has answered is asked again.
+    """
+    is_declared = not at.belief.diagnosis.trusted[question.tank - 1]
+    for alarm, ended_s, apart_cm in probe.ended:
+        if alarm == question.alarm:
+            is_much_further = question.apart_cm >= AGAIN_APART * apart_cm and not is_declared
+            return t_s < ended_s + config.again_s - TOLERANCE_S and not is_much_further
+    return False
+
+
+def _offset(config: ProbeConfig, probe: Probe, since_s: float) -> Pair:
+    """(2,) V. During the hold: the offsets that keep the deviations of the lower tanks as they are."""
+    most_V = config.voltage_V
+    if since_s < config.move_s - TOLERANCE_S or probe.linear is None:
+        return most_V, most_V
+    if since_s >= config.move_s + config.hold_s - TOLERANCE_S:
+        return -most_V, -most_V
+    A, B = probe.linear.A, probe.linear.B
+    v1, v2 = (
+        min(max(-float(A[tank] @ probe.deviation_cm) / max(float(B[tank, tank]), MIN_EFFECT), -most_V), most_V)
+        for tank in (0, 1)
+    )
+    return v1, v2
 
 
 def _begin(config: ProbeConfig, limits: Limits, probe: Probe, question: OpenQuestion, at: Occasion, t_s: float) -> Step:
     levels = at.belief.level_cm or levels_cm(limits, at.inputs, at.belief)
     h1, h2, h3, h4 = (max(h, MIN_LEVEL_CM) for h in levels)
     text = (
-        f"probe: both pumps move by +{config.voltage_V:g} V for {config.half_s:g} s, then by -{config.voltage_V:g} V, "
-        f"to tell a drift of sensor {question.tank} from a leak or blockage of tank {question.tank}"
+        f"probe: both pumps move by +{config.voltage_V:g} V for {config.move_s:g} s, hold the levels for "
+        f"{config.hold_s:g} s, then move by -{config.voltage_V:g} V for {config.move_s:g} s, to tell a drift of sensor "
+        f"{question.tank} from a leak or blockage of tank {question.tank}"
     )
     data: dict[str, object] = {
         "state": "begin",
         "alarm": question.alarm,
         "tank": question.tank,
         "voltage_V": config.voltage_V,
-        "half_s": config.half_s,
+        "move_s": config.move_s,
+        "hold_s": config.hold_s,
     }
     new = replace(
         probe,
-        offset_V=_offset(config, 0.0),
+        offset_V=(config.voltage_V, config.voltage_V),
         begun_s=t_s,
         alarm=question.alarm,
+        apart_cm=question.apart_cm,
+        start_cm=levels,
         linear=linearise(limits.model, (h1, h2, h3, h4)),
         told="",
     )
@@ -245,7 +296,8 @@ def _end(probe: Probe, reason: str, t_s: float) -> Step:
     lasted_s = t_s - probe.begun_s
     data: dict[str, object] = {"state": "end", "alarm": probe.alarm, "reason": reason, "lasted_s": lasted_s}
     event = Event(Severity.INFO, "probe", f"probe ended after {lasted_s:.1f} s: {reason}", data)
-    ended = (*(entry for entry in probe.ended if entry[0] != probe.alarm), (probe.alarm, t_s))
+    others = (entry for entry in probe.ended if entry[0] != probe.alarm)
+    ended = (*others, (probe.alarm, t_s, probe.apart_cm))
     return replace(probe, offset_V=REST, begun_s=inf, ended=ended), (event,)
 
 
@@ -255,7 +307,7 @@ def _reason_to_end(config: ProbeConfig, limits: Limits, probe: Probe, at: Occasi
         return "the loop no longer controls"
     if probe.question is None or probe.question.alarm != probe.alarm:
         return "the question is answered"
-    if t_s - probe.begun_s >= 2.0 * config.half_s - TOLERANCE_S:
+    if t_s - probe.begun_s >= config.total_s - TOLERANCE_S:
         return "complete"
     if at.reference_s > probe.begun_s:
         return "the reference changes"
@@ -267,7 +319,11 @@ def _reason_to_end(config: ProbeConfig, limits: Limits, probe: Probe, at: Occasi
         return "a pump is at the limit of its range"
     if max(levels_cm(limits, at.inputs, at.belief)) > limits.level_max_cm - 0.5 * LEVEL_ROOM_CM:
         return "a level is near the level that trips"
-    return "a level is too low" if min(_lowest_cm(limits, at)) < 0.5 * MIN_LEVEL_CM else ""
+    if min(_lowest_cm(limits, at)) < 0.5 * MIN_LEVEL_CM:
+        return "a level is too low"
+    levels, most = at.belief.level_cm or probe.start_cm, rise_cm(limits, config)
+    moved = (abs(h - start) > move for h, start, move in zip(levels, probe.start_cm, most, strict=True))
+    return "a level moves too far" if any(moved) else ""
 
 
 def _is_in_doubt(diagnosis: Diagnosis) -> bool:

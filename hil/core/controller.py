@@ -104,7 +104,8 @@ def step(
             belief = replace(belief, start_problem=_start_problem(config, loop, state.supervision.command_V))
             loop_events += (start_phase.ends(belief.start_problem),)
         supervision, events = supervisor.next_mode(config.limits, state.supervision, inputs, now_ns, belief)
-        probe, probe_events = _probe(config, probe, loop, supervision.mode, inputs, belief, period_s)
+        if not loop.is_starting:
+            probe, probe_events = _probe(config, probe, loop, supervision.mode, inputs, belief, period_s)
     events += loop_events + probe_events
     supervision, command = supervisor.safe_command(config.limits, supervision, loop.raw_V, config.loop.period_s)
     if loop.is_starting or supervision.stopped_by == TripCause.START_FAILED:
@@ -143,7 +144,7 @@ def _observe(
     """One step of the monitors, and what the supervisor may assume."""
     model, diagnosis, estimate = config.limits.model, loop.diagnosis, loop.estimate
     live = watch_readings(model, config.limits.max_drives, monitors.live, measurement, diagnosis.trusted, now_ns)
-    live_cm = live_levels_cm(live, measurement, diagnosis)
+    live_cm = live_levels_cm(model, live, measurement, diagnosis)
     effective_V = _effective(diagnosis, estimate.pump_V)
     outlets = live_outlets = watch(model, monitors.outlets, estimate.level_cm, effective_V, now_ns)
     if live_cm != NONE:

@@ -4,7 +4,8 @@ A slow blockage of a tank's outlet and a slow drift of its sensor give the same 
 drift and is wrong, the sensor shows how the tank fills, and the model does not. So the reading keeps its veto on high
 levels, as far as it can be the level: water rises no faster than a pump at its largest voltage and a full tank above
 can fill a tank whose outlet is shut. A faster rise is the sensor's and is subtracted; an equally sudden fall gives it
-back. A sensor whose readings are not valid, or are refuted by the diagnosis, has no veto.
+back. A sensor whose readings are not valid, or are refuted by the diagnosis, has no veto. What a movement of the pumps
+has proven to be the sensor's own is subtracted, too; what it reads more from then on counts again.
 Why, and what it costs: docs/decisions/0022-veto-of-a-live-sensor.md.
 """
 
@@ -65,11 +66,16 @@ def watch_readings(
     return LiveLevels(reading_cm=(r1, r2, r3, r4), sudden_cm=(s1, s2, s3, s4), read_ns=(t1, t2, t3, t4))
 
 
-def live_levels_cm(live: LiveLevels, measurement: Measurement, diagnosis: Diagnosis) -> Quad:
-    """(4,) the level that each sensor without trust may still show, in cm; -inf for all others."""
+def live_levels_cm(model: TankModel, live: LiveLevels, measurement: Measurement, diagnosis: Diagnosis) -> Quad:
+    """(4,) the level that each sensor without trust may still show, in cm; -inf for all others.
+
+    Of what rose too fast for water and what is proven to be the sensor's own, the larger is subtracted: both may
+    contain the same.
+    """
     valid, trusted, refuted = measurement.valid, diagnosis.trusted, diagnosis.refuted
+    own_cm = [proven_V / model.level_gain_V_cm for proven_V in diagnosis.proven_V]
     h1, h2, h3, h4 = (
-        live.reading_cm[i] - live.sudden_cm[i] if valid[i] and not (trusted[i] or refuted[i]) else -inf
+        live.reading_cm[i] - max(live.sudden_cm[i], own_cm[i]) if valid[i] and not (trusted[i] or refuted[i]) else -inf
         for i in range(4)
     )
     return h1, h2, h3, h4

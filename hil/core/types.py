@@ -255,11 +255,13 @@ UNRESOLVED = "unresolved"
 class OpenQuestion:
     """An alarm that can't be resolved at rest: the level of a lower tank changes, or its sensor drifts.
 
-    alarm : its number. tank : 1 or 2. A movement of the pumps or of the reference helps to answer it.
+    alarm : its number. tank : 1 or 2. apart_cm : by how much the two put that level apart: the more, the sooner a
+    movement of the pumps or of the reference answers it.
     """
 
     alarm: int
     tank: int
+    apart_cm: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -275,6 +277,8 @@ class Diagnosis:
     is_blind : a level has no sensor, and the model can no longer estimate it.
     refuted : (4,) sensors that are not trusted and can't show the level, whatever the fault: they keep no veto on high
     levels. A sensor that may drift because a leak or a blockage moves the level is not refuted.
+    proven_V : (4,) by how much sensors that are not trusted read too high for certain, because a movement of the pumps
+    has told their drift from a change of the level. All that they have read more since then may be the level.
     valve_split : (2,) splits of the valves if one has shifted; None if they are the rig file's.
     level_walk_cm_sqrt_s : (4,) standard deviation of the levels' random walk after a second, cm, as learned; NaN where
     nothing is learned.
@@ -290,6 +294,7 @@ class Diagnosis:
     unproven: tuple[bool, bool] = (False, False)
     is_blind: bool = False
     refuted: tuple[bool, bool, bool, bool] = (False, False, False, False)
+    proven_V: Quad = (0.0, 0.0, 0.0, 0.0)
     valve_split: Pair | None = None
     level_walk_cm_sqrt_s: Quad = (nan, nan, nan, nan)
     open_question: OpenQuestion | None = None

@@ -32,8 +32,8 @@ from tests.narrowing import quad
 
 REST = equilibrium(BENCH, (3.0, 3.0))
 REST_V = volts(REST)[:2]
-ALLOWED = ProbeConfig(is_allowed=True, voltage_V=0.3, half_s=30.0, after_s=10.0, again_s=300.0)
-QUESTION = OpenQuestion(alarm=4, tank=1)
+ALLOWED = ProbeConfig(is_allowed=True, voltage_V=0.3, move_s=30.0, hold_s=0.0, after_s=10.0, again_s=300.0)
+QUESTION = OpenQuestion(alarm=4, tank=1, apart_cm=0.5)
 
 
 @dataclass(frozen=True)
@@ -98,6 +98,18 @@ def test_the_pumps_make_the_movement_although_the_loop_has_integral_action(
         assert np.abs(moved_V - sign * 0.3).max() < tolerance_V
 
 
+def test_the_levels_are_held_between_the_two_movements() -> None:
+    """Most of what tells the explanations apart comes from the time in which the levels are away from their places."""
+    _, records = run(config(probe=replace(ALLOWED, hold_s=60.0)), Plant(), 2000)
+    assert probe_events(records) == [(30.0, "begin", ""), (150.0, "end", "complete")]
+    t_s = np.array([record.t_s for record in records])
+    moved_cm = (np.array([record.measured_V[:2] for record in records]) - REST_V) / BENCH.level_gain_V_cm
+    held_cm = moved_cm[(t_s > 61.0) & (t_s < 119.0)]
+    assert (np.ptp(held_cm, axis=0) < 0.05).all()
+    assert (held_cm > 0.4).all()
+    assert (np.abs(moved_cm).max(axis=0) < rise_cm(LIMITS, ALLOWED)[:2]).all()
+
+
 def test_the_outputs_come_back_to_their_references_without_a_bump() -> None:
     _, records = run(config(probe=replace(ALLOWED, again_s=1e6)), Plant(), 3500)
     assert [state for _, state, _ in probe_events(records)] == ["begin", "end"]
@@ -105,7 +117,7 @@ def test_the_outputs_come_back_to_their_references_without_a_bump() -> None:
     commands_V = np.array([record.command_V for record in records])
     moved_cm = np.abs(levels_V - REST_V) / BENCH.level_gain_V_cm
     assert 0.5 < moved_cm.max() < 0.9  # 0.76 cm by eq. (1)
-    assert (moved_cm.max(axis=0) < rise_cm(LIMITS, 0.3, 30.0)[:2]).all()
+    assert (moved_cm.max(axis=0) < rise_cm(LIMITS, ALLOWED)[:2]).all()
     assert moved_cm[-1].max() < 0.02
     steps_V = np.abs(np.diff(commands_V[20:], axis=0))
     assert steps_V.max() < 0.6 + 0.02  # the reversal from +0.3 V to -0.3 V is the largest
@@ -172,7 +184,7 @@ def test_a_reference_step_serves_as_a_probe() -> None:
 
 
 def test_one_alarm_is_probed_again_only_after_a_longer_time() -> None:
-    brief = replace(ALLOWED, half_s=5.0, again_s=60.0)
+    brief = replace(ALLOWED, move_s=5.0, again_s=60.0)
     _, records = run(config(probe=brief), Plant(), 1200)
     assert [(t_s, state) for t_s, state, _ in probe_events(records)] == [
         (30.0, "begin"),
@@ -230,7 +242,9 @@ HIGH = (17.5, 12.8, 1.6, 1.4)
         (occasion(diagnosis=Diagnosis(effectiveness=(1.0, 0.2))), "a pump or a sensor is in doubt"),
         (occasion(diagnosis=Diagnosis(trusted=(True, False, True, True))), "a pump or a sensor is in doubt"),
         (occasion(diagnosis=Diagnosis(trusted=(False, True, True, True), level_V=volts(REST))), ""),
-        (replace(occasion(), end_s=59.0), "the reference changes soon, or the run ends"),
+        (replace(occasion(), end_s=29.0), "the reference changes soon, or the run ends"),
+        (replace(occasion(), next_reference_s=59.0), "the reference changes soon, or the run ends"),
+        (replace(occasion(), end_s=31.0, next_reference_s=61.0), ""),
         (occasion(), ""),
     ],
 )
@@ -257,6 +271,7 @@ def begun() -> Probe:
     [
         (occasion((18.9, 12.8, 1.6, 1.4)), "a level is near the level that trips"),
         (occasion((12.4, 12.8, 0.1, 1.4)), "a level is too low"),
+        (occasion((13.7, 12.8, 1.6, 1.4)), "a level moves too far"),
         (occasion(raw_V=(10.1, 3.0)), "a pump is at the limit of its range"),
         (
             occasion(diagnosis=Diagnosis(stuck_on=(True, False), open_question=QUESTION)),
@@ -285,7 +300,7 @@ def test_no_level_moves_further_than_the_bound(outlets: tuple[float, float, floa
     """Not even with outlets that are almost shut: the same tanks with and without the movement."""
     moved, still = (Plant(replace(BENCH, outlet_cm2=outlets)) for _ in range(2))
     still.level_cm = moved.level_cm = (5.0, 5.0, 2.0, 2.0)
-    bound = rise_cm(LIMITS, 0.3, 30.0)
+    bound = rise_cm(LIMITS, ALLOWED)
     for _ in range(300):
         still.advance((3.0, 3.0), 0.1)
         moved.advance((3.3, 3.3), 0.1)

@@ -163,12 +163,37 @@ def test_only_a_valid_reading_without_trust_that_is_not_refuted_shows_a_level() 
     seen = HEALTHY.measurement
     for channel, shown in enumerate((10.0, 10.0, 10.0, 10.0)):
         expected = tuple(shown if i == channel else -math.inf for i in range(4))
-        assert live_levels_cm(live, seen, Diagnosis(trusted=doubted(channel))) == expected
+        assert live_levels_cm(BENCH, live, seen, Diagnosis(trusted=doubted(channel))) == expected
         refuted = quad(i == channel for i in range(4))
-        assert live_levels_cm(live, seen, Diagnosis(trusted=doubted(channel), refuted=refuted)) == NONE
-        assert live_levels_cm(live, replace(seen, valid=doubted(channel)), Diagnosis(trusted=doubted(channel))) == NONE
-    assert live_levels_cm(live, seen, Diagnosis()) == NONE
+        assert live_levels_cm(BENCH, live, seen, Diagnosis(trusted=doubted(channel), refuted=refuted)) == NONE
+        assert (
+            live_levels_cm(BENCH, live, replace(seen, valid=doubted(channel)), Diagnosis(trusted=doubted(channel)))
+            == NONE
+        )
+    assert live_levels_cm(BENCH, live, seen, Diagnosis()) == NONE
     assert list(NONE) == [-math.inf] * 4
+
+
+@pytest.mark.parametrize(("proven_V", "shown_cm"), [(0.0, 13.0), (1.0, 13.0), (1.5, 12.0), (3.0, 9.0), (-1.0, 13.0)])
+def test_what_is_proven_to_be_the_sensors_own_is_not_level(proven_V: float, shown_cm: float) -> None:
+    """In volts; a jump may be part of it, so that only the larger of the two is subtracted."""
+    live = LiveLevels(reading_cm=(15.0,) * 4, sudden_cm=(2.0,) * 4, read_ns=(0,) * 4)
+    for channel in range(4):
+        proven = quad(proven_V if i == channel else 5.0 for i in range(4))
+        seen = Diagnosis(trusted=doubted(channel), proven_V=proven)
+        assert live_levels_cm(BENCH, live, HEALTHY.measurement, seen)[channel] == pytest.approx(shown_cm)
+
+
+def test_what_a_proven_drift_reads_more_from_then_on_counts_again() -> None:
+    """The proof is about one moment: the outlet may clog afterwards."""
+    seen = Diagnosis(trusted=doubted(0), proven_V=(1.0, 0.0, 0.0, 0.0))
+    shown = [
+        live_levels_cm(BENCH, LiveLevels(reading_cm=(h, 12.0, 2.0, 2.0), read_ns=(0,) * 4), HEALTHY.measurement, seen)[
+            0
+        ]
+        for h in (14.0, 17.0, 20.5)
+    ]
+    assert shown == [12.0, 15.0, 18.5]
 
 
 def test_the_monitor_begins_with_nothing() -> None:

@@ -149,7 +149,7 @@ class DiagnosisChoice(Section):
     """Which fault detector, and whether it may move the pumps to tell faults apart.
 
     method : by name, see `hil.bench.detectors`. delay_s : of the detector `ideal`. probe, probe_V, probe_s,
-    probe_after_s, probe_again_s : see `hil.core.active_isolation`.
+    probe_hold_s, probe_after_s, probe_again_s : see `hil.core.active_isolation`.
     """
 
     method: ChoiceName = "glr"
@@ -157,6 +157,7 @@ class DiagnosisChoice(Section):
     probe: bool = True
     probe_V: Annotated[float, _within(0.05, 1.0)] = 0.3
     probe_s: Annotated[float, _within(5.0, 120.0)] = 30.0
+    probe_hold_s: Annotated[float, _within(0.0, 300.0)] = 60.0
     probe_after_s: Annotated[float, _within(1.0, 600.0)] = 10.0
     probe_again_s: Annotated[float, _within(60.0, 86400.0)] = 300.0
 

@@ -7,9 +7,12 @@ fault that grows is at first smaller than the smallest that is declared, and oth
 
 from __future__ import annotations
 
-from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, H
+import numpy as np
+
+from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE
+from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, H, drift_of, outlet_of
 from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
-from hil.core.diagnosis.glr.model import BIAS, DRIFT, OUTLET
+from hil.core.diagnosis.glr.model import BIAS, DRIFT, LEVEL, OUTLET
 from hil.core.types import OpenQuestion
 
 LOWER = 2
@@ -21,8 +24,12 @@ NO_EVIDENCE = -1e300
 SLOW_DRIFT_V_S = 0.003
 """A slower drift of a lower tank's sensor must lead by twice the margin: outlets clog as slowly, and it can wait."""
 
+MOVED_V, MEAN_S, MOVED_S = 0.15, 60.0, 20.0
+"""A pump moves while its voltage is so far from its mean over MEAN_S: several times what noise does. After MOVED_S
+of this time the simple margins hold."""
+
 GROWTH_MARGIN = 1.5
-"""A leak or blockage that grows must lead a drift by the margin of a drift times this."""
+"""A leak or blockage that grows must lead a drift by the margin of a drift times this, at rest."""
 
 
 def is_drift_or_level(config: DetectorConfig, m: Memory, number: int, *, is_late: bool) -> bool:
@@ -36,30 +43,71 @@ def is_drift_or_level(config: DetectorConfig, m: Memory, number: int, *, is_late
         return False
     if JUMPS[number].state >= DRIFT:
         rivals = [r.evidence[n] for n in range(H + 1) if n == BOTH or JUMPS[n].state < BIAS]
-        is_slow = abs(float(r.x[number, JUMPS[number].state])) < SLOW_DRIFT_V_S
+        is_slow = abs(float(r.x[number, JUMPS[number].state])) < SLOW_DRIFT_V_S and not has_moved(m)
         return bool(r.evidence[number] - max(rivals) < tuning.drift_margin * (2.0 if is_slow else 1.0))
     drift = next(n for n, jump in enumerate(JUMPS) if jump.state == DRIFT + JUMPS[number].state - OUTLET)
     lead = float(r.evidence[number] - r.evidence[drift])
     grows = r.target[number] == JUMPS[number].state
-    return lead < GROWTH_MARGIN * tuning.drift_margin if grows else is_late and lead < tuning.margin
+    margin = tuning.drift_margin * (1.0 if has_moved(m) else GROWTH_MARGIN)
+    return lead < margin if grows else is_late and lead < tuning.margin
 
 
-def open_question(m: Memory) -> OpenQuestion | None:
+def watch_movement(m: Memory) -> None:
+    """Note for how long a pump has been away from where it was before, while an alarm is open."""
+    if m.suspicion is None:
+        return
+    voltages = m.entry[VOLTAGE : VOLTAGE + 2]
+    if m.suspicion.mean_V is None:
+        m.suspicion.mean_V = voltages.copy()
+    if float(np.abs(voltages - m.suspicion.mean_V).max()) > MOVED_V:
+        m.suspicion.moved_s += float(m.entry[PERIOD])
+    m.suspicion.mean_V += min(float(m.entry[PERIOD]) / MEAN_S, 1.0) * (voltages - m.suspicion.mean_V)
+
+
+def has_moved(m: Memory) -> bool:
+    """Whether the pumps have moved for long enough to tell a drift from a level."""
+    return m.suspicion is not None and m.suspicion.moved_s >= MOVED_S
+
+
+def is_led_by_small(m: Memory, number: int) -> bool:
+    """Whether a fault that is too small so far to be declared explains the readings better: it is the likelier one.
+
+    Without this a drift near the smallest that counts was declared as whatever came next, far behind.
+    """
+    r = m.replays
+    return any(float(r.evidence[n]) > float(r.evidence[number]) and _is_small(m, n) for n in range(H) if n != number)
+
+
+def _is_small(m: Memory, number: int) -> bool:
+    """Whether the fault has a possible sign, and less than the smallest size that counts."""
+    jump = JUMPS[number]
+    size = float(m.replays.x[number, jump.state] - m.replays.before[number, jump.state])
+    is_small = abs(size) < (jump.rise[0] if size > 0.0 else jump.fall[0])
+    return is_small and bool(jump.rises if size > 0.0 else jump.falls)
+
+
+def open_question(config: DetectorConfig, m: Memory) -> OpenQuestion | None:
     """Whether it is open if a lower tank's level changes or its sensor drifts, and of which tank.
 
-    It is while an alarm is unresolved and one of the two is the likeliest, and while a declared drift is reviewed.
+    It is while an alarm is unresolved and one of the two is the likeliest, and while a declared drift is reviewed and
+    no movement has spoken for it yet.
     """
     if m.suspicion is None:
         if m.rival is None or m.rival.sensor >= LOWER or m.rival.suspicion.number is None:
             return None
-        return OpenQuestion(alarm=m.rival.suspicion.number, tank=m.rival.sensor + 1)
+        if m.rival.moved_lead >= config.tuning.detect:
+            return None
+        apart_cm = abs(float(m.rival.own_x[LEVEL + m.rival.sensor] - m.rival.x[LEVEL + m.rival.sensor]))
+        return OpenQuestion(alarm=m.rival.suspicion.number, tank=m.rival.sensor + 1, apart_cm=apart_cm)
     number, leader = m.suspicion.number, m.suspicion.leader
     if number is None or leader is None or leader == BOTH:
         return None
     state = JUMPS[leader].state
     for first in (OUTLET, DRIFT):
         if first <= state < first + LOWER:
-            return OpenQuestion(alarm=number, tank=state - first + 1)
+            tank = state - first + 1
+            by_drift, by_outlet = (float(m.replays.x[n, LEVEL + tank - 1]) for n in (drift_of(tank), outlet_of(tank)))
+            return OpenQuestion(alarm=number, tank=tank, apart_cm=abs(by_drift - by_outlet))
     return None
 
 
@@ -67,9 +115,6 @@ def best_small(m: Memory) -> float:
     """The greatest evidence of a fault that is too small so far to be declared: it may be one that grows."""
     r, best = m.replays, NO_EVIDENCE
     for number in range(H):
-        jump = JUMPS[number]
-        size = float(r.x[number, jump.state] - r.before[number, jump.state])
-        is_small = abs(size) < (jump.rise[0] if size > 0.0 else jump.fall[0])
-        if jump.state < BIAS and is_small and (jump.rises if size > 0.0 else jump.falls):
+        if JUMPS[number].state < BIAS and _is_small(m, number):
             best = max(best, float(r.evidence[number]))
     return best

@@ -8,21 +8,35 @@ verdict is reversed when the other hypothesis explains them better.
 
 from __future__ import annotations
 
+from math import sqrt
+
+import numpy as np
+
 from hil.core.diagnosis.glr import declaration
-from hil.core.diagnosis.glr.filter import READING
-from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS
-from hil.core.diagnosis.glr.memory import DetectorConfig, Memory, Rival, Suspicion
+from hil.core.diagnosis.glr.ambiguity import MEAN_S, MOVED_V
+from hil.core.diagnosis.glr.filter import PERIOD, READING, VOLTAGE
+from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, outlet_of
+from hil.core.diagnosis.glr.memory import DetectorConfig, Lost, Memory, Rival, Suspicion
 from hil.core.diagnosis.glr.model import BIAS, DRIFT, OUTLET
 from hil.core.types import Alarm, Measurement
 
+PROVEN_STDS = 3.0
+"""The sensor certainly reads too high by its bias less so many standard deviations."""
 
-def rival_of(config: DetectorConfig, m: Memory, winner: int, order: list[int], suspicion: Suspicion) -> Rival | None:
-    """The likeliest leak or blockage beside a drift that has just been declared; None when none is nearly as likely."""
+
+def rival_of(
+    config: DetectorConfig, m: Memory, winner: int, order: list[int], suspicion: Suspicion, *, has_moved: bool
+) -> Rival | None:
+    """The leak or blockage that may be behind a drift that has just been declared; None when none is likely enough.
+
+    That of the same tank if its replay goes on, however small it is so far; otherwise the likeliest. has_moved :
+    whether the pumps moved before the declaration.
+    """
     r, tuning = m.replays, config.tuning
     if winner == BOTH or JUMPS[winner].state < DRIFT:
         return None
     near = r.evidence >= r.evidence[winner] - tuning.drop_margin
-    for number in order:
+    for number in (outlet_of(JUMPS[winner].target), *order):
         if number != BOTH and OUTLET <= JUMPS[number].state < BIAS and near[number] and not r.dropped[number]:
             return Rival(
                 number=number,
@@ -37,6 +51,8 @@ def rival_of(config: DetectorConfig, m: Memory, winner: int, order: list[int], s
                 lead=float(r.evidence[winner] - r.evidence[number]),
                 until_s=m.t_s + tuning.rival_s,
                 target=int(r.target[number]),
+                mean_V=m.entry[VOLTAGE : VOLTAGE + 2].copy(),
+                moved_lead=float(r.evidence[winner] - r.evidence[number]) if has_moved else 0.0,
             )
     return None
 
@@ -55,13 +71,32 @@ def step(config: DetectorConfig, m: Memory, measurement: Measurement) -> list[Al
     is_usable = measurement.readings > 0 and measurement.valid[i] and measurement.level_V[i] > config.empty_V[i]
     if is_usable and not m.sensors[i].is_stuck(measurement, i):
         entry[READING + i] = measurement.level_V[i]
-    rival.lead += config.filter_beside(rival.own_x, rival.own_P, entry, m.growing)
-    rival.lead -= config.filter_beside(rival.x, rival.P, entry, rival.target)
+    gain = config.filter_beside(rival.own_x, rival.own_P, entry, m.growing)
+    gain -= config.filter_beside(rival.x, rival.P, entry, rival.target)
+    rival.lead += gain
+    _prove(config, m, rival, lost, gain)
     if rival.lead > config.tuning.drop_margin:
         m.rival = None
     if rival.lead > -config.tuning.detect:
         return []
     return _reverse(config, m, rival)
+
+
+def _prove(config: DetectorConfig, m: Memory, rival: Rival, lost: Lost, gain: float) -> None:
+    """Note what the sensor certainly reads too high, once a movement of the pumps has spoken for the drift.
+
+    gain : of the drift's lead at this step. What is gained while a pump is away from where it was counts; at rest a
+    lead says little.
+    """
+    voltages = m.entry[VOLTAGE : VOLTAGE + 2]
+    away_V = float(np.abs(voltages - rival.mean_V).max())
+    rival.mean_V += min(float(m.entry[PERIOD]) / MEAN_S, 1.0) * (voltages - rival.mean_V)
+    rival.moved_lead += gain if away_V > MOVED_V else 0.0
+    if rival.number != outlet_of(rival.sensor + 1) or min(rival.lead, rival.moved_lead) < config.tuning.detect:
+        return
+    state = BIAS + rival.sensor
+    proven_V = float(rival.own_x[state]) - PROVEN_STDS * sqrt(max(float(rival.own_P[state, state]), 0.0))
+    m.lost[rival.sensor] = lost._replace(proven_V=max(lost.proven_V, proven_V))
 
 
 def _reverse(config: DetectorConfig, m: Memory, rival: Rival) -> list[Alarm]:

@@ -94,6 +94,7 @@ class GlrDetector:
             alarms += sensor_monitor.readmit(config, m, measurement)
         if m.suspicion is None and m.max_ratio >= config.tuning.detect and t_s - m.begun_s >= config.tuning.settle_s:
             isolation.suspect(m)
+        ambiguity.watch_movement(m)
         if m.suspicion is not None:
             alarms += isolation.isolate(config, m, m.suspicion)
         alarms += declaration.follow_growth(config, m)
@@ -184,10 +185,11 @@ class GlrDetector:
                 level_V=level_V,
                 is_diverged=self._is_diverged(m, h1),
                 level_walk_cm_sqrt_s=(w1, w2, w3, w4),
-                open_question=ambiguity.open_question(m),
+                open_question=ambiguity.open_question(self.config, m),
             )
         stuck = [j in m.declared and m.declared[j].kind == "pump_stuck_on" for j in PUMPS]
         distrusted = [m.distrusted(i) for i in range(4)]
+        p1, p2, p3, p4 = (m.lost[i].proven_V if i in m.lost else 0.0 for i in range(4))
         refuted = [i in m.lost and m.lost[i].kind != "sensor_drift" for i in range(4)]
         return Diagnosis(
             effectiveness=declaration.effectiveness(m),
@@ -199,9 +201,10 @@ class GlrDetector:
             unproven=declaration.unproven(self.config, m),
             is_blind=declaration.is_blind(m),
             refuted=(refuted[0], refuted[1], refuted[2], refuted[3]),
+            proven_V=(p1, p2, p3, p4),
             valve_split=declaration.valve_split(self.config, m),
             level_walk_cm_sqrt_s=(w1, w2, w3, w4),
-            open_question=ambiguity.open_question(m),
+            open_question=ambiguity.open_question(self.config, m),
         )
 
     def _is_diverged(self, m: Memory, level_cm: float) -> bool:

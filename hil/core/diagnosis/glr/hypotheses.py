@@ -52,12 +52,23 @@ BOTH = H
 """Number of the hypothesis that both pumps jumped at once."""
 
 
+def drift_of(tank: int) -> int:
+    """Place in JUMPS of the drift of a tank's sensor."""
+    return next(number for number, jump in enumerate(JUMPS) if jump.state == DRIFT + tank - 1)
+
+
+def outlet_of(tank: int) -> int:
+    """Place in JUMPS of a tank's outlet."""
+    return next(number for number, jump in enumerate(JUMPS) if jump.state == OUTLET + tank - 1)
+
+
 @dataclass(frozen=True, slots=True)
 class Variant:
     """Another way in which the fault of a hypothesis may begin; the better one counts.
 
     number : of the hypothesis. shift, prior : mean and standard deviation of the jump. rate : standard deviation of the
     rate at which the state then grows, 1/s; 0 for a jump alone. odds : its log-likelihood ratio before any reading.
+    onset_of : the hypothesis whose onset it begins at; None: its own.
     """
 
     number: int
@@ -65,6 +76,7 @@ class Variant:
     prior: float
     rate: float
     odds: float = 0.0
+    onset_of: int | None = None
 
 
 GROWTH_STD, GROWTH_JUMP = 0.006, 0.02
@@ -86,6 +98,12 @@ VARIANTS: tuple[Variant, ...] = (
         if jump.state < BIAS and number not in LAGS
     ),
     Variant(BOTH, 0.0, GROWTH_JUMP, GROWTH_STD),
+    # what looks like a drift of a lower tank's sensor may be its outlet, which then has changed for as long
+    *(
+        Variant(number, 0.0, GROWTH_JUMP, GROWTH_STD, onset_of=drift_of(jump.target))
+        for number, jump in enumerate(JUMPS)
+        if OUTLET <= jump.state < OUTLET + 2
+    ),
 )
 ROWS = H + 1 + len(VARIANTS)
 """Replays: one for each hypothesis, then the variants."""

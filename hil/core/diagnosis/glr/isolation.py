@@ -71,6 +71,7 @@ def suspect(m: Memory) -> None:
         _begin(m, m.replays, number, number, PLAIN, slots[number])
     for place, variant in enumerate(VARIANTS):
         slot = slots[variant.number] if variant.rate == 0.0 else _earlier(m, slots[variant.number])
+        slot = slot if variant.onset_of is None else slots[variant.onset_of]
         _begin(m, m.replays, H + 1 + place, variant.number, place, slot)
 
 
@@ -99,6 +100,8 @@ def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Ala
     is_overtaken = _is_overtaken(config, m, order[0]) and not m.is_doubtful
     if winner is None and (is_late or is_overtaken):
         winner = order[0]
+    if is_late and winner is not None and not is_overtaken and ambiguity.is_led_by_small(m, winner):
+        winner = None
     if winner is not None and not is_overtaken and ambiguity.is_drift_or_level(config, m, winner, is_late=is_late):
         winner = None
     if winner is not None:
@@ -220,7 +223,7 @@ def _settle(config: DetectorConfig, m: Memory, suspicion: Suspicion, winner: int
     If it has explained the readings for long enough, its filter of some steps ago is used, and those steps are filtered
     again with the bank: a fault that has begun meanwhile is then seen from its onset on.
     """
-    r = m.replays
+    r, has_moved = m.replays, ambiguity.has_moved(m)
     m.suspicion = None
     before, onset = r.before[winner].copy(), int(r.onset[winner])
     m.checkpoint = _checkpoint(m, onset)
@@ -237,9 +240,8 @@ def _settle(config: DetectorConfig, m: Memory, suspicion: Suspicion, winner: int
     m.restart_bank()
     if has_explained:
         _refilter(config, m, int(r.fit[winner]))
-    m.rival = drift_review.rival_of(
-        config, m, winner, order, Suspicion(number=alarms[0].number, detected_s=alarms[0].detected_s)
-    )
+    told = Suspicion(number=alarms[0].number, detected_s=alarms[0].detected_s)
+    m.rival = drift_review.rival_of(config, m, winner, order, told, has_moved=has_moved)
     m.verdicts_s = (*m.verdicts_s, m.t_s)[-config.tuning.verdicts_max :]
     return alarms
 

@@ -133,20 +133,27 @@ class Suspicion:
 
     number : of the alarm; None as long as it may be about a fault that has one. leader : the likeliest hypothesis, None
     before the replays have found one. is_told : whether it was reported that candidates remain after the time for it.
+    mean_V : (2,) slow mean of the pumps' voltages; moved_s : for how long a pump was away from it.
     """
 
     number: int | None
     detected_s: float
     leader: int | None = None
     is_told: bool = False
+    mean_V: Array | None = None
+    moved_s: float = 0.0
 
 
 class Lost(NamedTuple):
-    """A sensor that is no longer used: kind and number of its alarm, the run time since when."""
+    """A sensor that is no longer used: kind and number of its alarm, the run time since when.
+
+    proven_V : by how much a movement of the pumps has proven that it reads too high.
+    """
 
     kind: str
     number: int
     since_s: float
+    proven_V: float = 0.0
 
 
 @dataclass(slots=True)
@@ -174,7 +181,8 @@ class Rival:
 
     number : of the rival hypothesis. suspicion : the drift's, with its alarm's number. sensor : from 0. onset, before :
     of the rival's jump. own_x, own_P : the drift's filter; both continue with the sensor's readings. lead : of the
-    drift, log-likelihood ratio. until_s : run time at which the drift is accepted.
+    drift, log-likelihood ratio; moved_lead : what it has gained while the pumps moved. mean_V : (2,) slow mean of their
+    voltages. until_s : run time at which the drift is accepted.
     """
 
     number: int
@@ -189,6 +197,8 @@ class Rival:
     lead: float
     until_s: float
     target: int
+    mean_V: Array
+    moved_lead: float = 0.0
 
 
 @dataclass(slots=True)

@@ -71,7 +71,7 @@ class Tuning:
     prior_doubt: float = 0.05
     drop_margin: float = 50.0
     sharpen_s: float = 3.0
-    rival_s: float = 40.0
+    rival_s: float = 150.0
     replay_budget: int = 600
     stuck_check_s: float = 10.0
     readmit_s: float = 5.0
