@@ -59,9 +59,9 @@ class Sensors:
 
     @cached_property
     def lowest_signals(self) -> Quad:
-        """(4,) the smallest level signal, at least 0 V, that each sensor can show within its range."""
+        """(4,) the smallest level signal that each sensor can show within its range; below 0 V it is not cut off."""
         signals = [self.signals((end, end, end, end)) for end in self.range_V]
-        w1, w2, w3, w4 = (max(min(ends), 0.0) for ends in zip(*signals, strict=True))
+        w1, w2, w3, w4 = (min(ends) for ends in zip(*signals, strict=True))
         return w1, w2, w3, w4
 
     def signals(self, reading_V: Quad) -> Quad:

@@ -28,7 +28,7 @@ QUIET_WARN = 0.4
 MIN_READINGS = 25
 DT_S = 0.05
 EMPTY_NOISES = 3.0
-"""A level signal below so many times the noise counts as empty: its noise is cut off at the end of the range."""
+"""A level signal below so many times the noise counts as empty."""
 
 LOW_SHARE = 0.05
 """A level signal below this share of what the range shows may be that of an empty tank."""
@@ -62,6 +62,11 @@ class Channel:
     @property
     def is_empty(self) -> bool:
         """Whether the tank is empty, or its level too low for this sensor."""
+        return fmean(self.signals_V) < max(self.lowest_V, 0.0) + EMPTY_NOISES * self.signal_noise
+
+    @property
+    def is_cut_off(self) -> bool:
+        """Whether the end of the range cuts off the noise of an empty tank."""
         return fmean(self.signals_V) < self.lowest_V + EMPTY_NOISES * self.signal_noise
 
 
@@ -165,7 +170,7 @@ def check_noise(channel: Channel) -> Result:
     steps = [(b - a) ** 2 for a, b in pairwise(readings_V)]
     found_V = sqrt(sum(steps) / (2 * len(steps)))
     found = f"{found_V * 1e3:.2f} mV; rig.toml {noise_V * 1e3:g} mV"
-    is_empty = channel.is_empty
+    is_empty = channel.is_cut_off
     if found_V == 0.0 and noise_V > 0.0 and not is_empty:
         return failed(check, f"does not change from {readings_V[0]:.4f} V", "the sensor or its converter is stuck")
     if found_V > NOISE_FAIL * noise_V:

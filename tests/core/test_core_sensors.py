@@ -62,7 +62,7 @@ def test_plain_sensors_leave_a_measurement_alone() -> None:
 def test_the_lowest_signal_is_that_of_the_end_at_which_a_tank_is_empty() -> None:
     """A rising sensor is cut off at the lower end of its range, a falling one at the upper end."""
     low = Sensors((0.5, 0.5, -0.5, -0.5), (-1.0, 1.0, 11.24, 9.0), (0.0, 10.24)).lowest_signals
-    assert low == pytest.approx((1.0, 0.0, 1.0, 0.0))
+    assert low == pytest.approx((1.0, -1.0, 1.0, -1.24))
 
 
 def test_range_and_repeats_are_those_of_the_readings() -> None:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from hil.core import interlocks, supervisor
 from hil.core.interlocks import BYPASSABLE, INTERLOCKS, NO_BELIEF, Belief, Interlock, Reaction, Situation
 from hil.core.live_levels import NONE
+from hil.core.pumps import Pumps
 from hil.core.supervisor import OFF, Supervision
 from hil.core.types import Action, Diagnosis, Event, Inputs, Mode, NodeState, Pair, Request, Severity, TripCause
 from tests.narrowing import quad
@@ -685,3 +686,32 @@ def test_rejected_frames_are_named_where_they_may_be_the_reason(interlock: Inter
 def test_a_stronger_pump_still_delivers_more_and_a_weak_one_may_not_be_weak(theta: Pair, expected: Pair) -> None:
     situation = supervisor._situation(LIMITS, RUNNING, HEALTHY, NOW_NS, Belief(Diagnosis(theta), pump_V=(3.0, 3.0)))
     assert situation.pump_V == pytest.approx(expected)
+
+
+# rigs as they are
+
+
+@pytest.mark.parametrize("tank", range(4))
+def test_every_tank_has_its_own_rim(tank: int) -> None:
+    heights = quad(15.0 if i == tank else 20.0 for i in range(4))
+    limits = replace(LIMITS, model=replace(LIMITS.model, height_cm=heights), lag_s=(0.0, 0.0))
+    idle = but(HEALTHY, "pumps", applied_V=(0.0, 0.0))
+    off = replace(RUNNING, command_V=(0.0, 0.0))
+    for other in range(4):
+        for volts, trips in ((7.25 - JUST, False), (7.25 + JUST, other == tank)):
+            inputs = but(idle, "measurement", level_V=quad(volts if i == other else 0.0 for i in range(4)))
+            assert (cause_of(inputs, limits=limits, state=off) is TripCause.HIGH_LEVEL) is trips
+
+
+def test_what_a_pump_still_delivers_is_counted_by_its_curve() -> None:
+    """Command and applied voltage are volts; what arrives by the model is a drive already."""
+    pumps = Pumps((0.5, 0.5), (0.1, 0.05))
+    limits = replace(LIMITS, pumps=pumps)
+    drives = pumps.drive((3.0, 4.0))
+    seen = but(HEALTHY, "pumps", applied_V=(3.0, 1.0))
+    situation = supervisor._situation(limits, replace(RUNNING, command_V=(1.0, 4.0)), seen, NOW_NS, Belief())
+    assert situation.pump_V == pytest.approx(drives)
+    late = supervisor._situation(limits, RUNNING, HEALTHY, NOW_NS, Belief(pump_V=(50.0, 60.0)))
+    assert late.pump_V == (50.0, 60.0)
+    assert limits.max_drives == pytest.approx(pumps.drive((10.0, 10.0)))
+    assert replace(limits, range_V=(0.0, 8.0)).max_drives == pytest.approx(pumps.drive((8.0, 8.0)))

@@ -285,3 +285,15 @@ def test_the_outlets_are_seen_through_the_live_sensor_too() -> None:
     assert monitors.outlets.share[0] > 0.95
     healthy, _ = run(controller_config(bench_loop()), Plant(), 100)
     assert healthy.monitors.live_outlets == healthy.monitors.outlets
+
+
+def test_a_full_tank_is_full_at_its_own_rim_and_drains_with_its_own_head() -> None:
+    """By hand: heads of height and datum; a pump at its own largest drive."""
+    model = replace(BENCH, height_cm=(20.0, 22.0, 24.0, 26.0), datum_cm=(5.0, 4.0, 3.0, 2.0))
+    out = [a * math.sqrt(2 * 981 * head) for a, head in zip(model.outlet_cm2, (25.0, 26.0, 27.0, 28.0), strict=True)]
+    rises, falls = fastest_changes(model, (12.0, 9.0))
+    q1, q2 = 3.33 * 12.0, 3.35 * 9.0
+    assert rises == pytest.approx(
+        (1.5 * (q1 + out[2]) / 28, 1.5 * (q2 + out[3]) / 32, 1.5 * q2 / 28, 1.5 * q1 / 32), rel=1e-12
+    )
+    assert falls == pytest.approx([1.5 * out[i] / model.area_cm2[i] for i in range(4)], rel=1e-12)

@@ -56,8 +56,8 @@ START_LEVEL_STD_V = 0.005
 class DetectorConfig:
     """What doesn't change during a run: tuning, the rig's numbers. All voltages are level signals and drives.
 
-    noise_V : (4,) of a reading. floor_V2 : (4,) smallest variance of a mean of readings. empty_V : (4,) below it a tank
-    may be empty, where a converter cuts the noise off: such readings are not used. range_V : (2,) of each pump.
+    noise_V : (4,) of a reading. floor_V2 : (4,) smallest variance of a mean of readings. empty_V : (4,) below it a
+    converter cuts the noise off, as in an empty tank: such readings are not used. range_V : (2,) of each pump.
     prior : (N,) standard deviation of the parameters before the first reading.
     """
 

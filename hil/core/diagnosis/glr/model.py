@@ -82,13 +82,16 @@ def predict(model: FilterModel, x: Array, voltage_V: Array, dt: float, A: Array)
         outflow[i] = model.outlet_flow[i] * np.sqrt(h)
         slope[i] = 0.5 * model.outlet_flow[i] / np.sqrt(max(h, SHALLOW_CM))
     # midpoint rule for the levels, derivatives at the start of the period
-    rate = np.empty(4)
+    rate, passed = np.empty(4), np.empty(2)
+    for j in range(2):
+        passed[j] = _limit_outflow(model, x, mean.voltage_V, dt, outflow, j)
     _level_rates(model, x, mean.voltage_V, outflow, rate)
-    _linearise_outflows(model, x, dt, A, outflow, slope)
-    _linearise_inflows(model, x, dt, A, mean)
+    _linearise(model, x, dt, A, outflow, slope, mean, passed)
     for i in range(4):
         h = max(x[LEVEL + i] + 0.5 * dt * rate[i], 0.0) + model.datum_cm[i]
         outflow[i] = model.outlet_flow[i] * np.sqrt(h)
+    for j in range(2):
+        _limit_outflow(model, x, mean.voltage_V, dt, outflow, j)
     _level_rates(model, x, mean.voltage_V, outflow, rate)
     for i in range(4):
         x[LEVEL + i] = min(max(x[LEVEL + i] + dt * rate[i], 0.0), model.height_cm[i])
@@ -119,14 +122,47 @@ def _level_rates(model: FilterModel, x: Array, mean_V: Array, outflow: Array, ra
     g1, g2 = split[0] * x[SPLIT], split[1] * x[SPLIT + 1]
     o1, o2 = x[OUTLET] * outflow[0], x[OUTLET + 1] * outflow[1]
     o3, o4 = x[OUTLET + 2] * outflow[2], x[OUTLET + 3] * outflow[3]
-    if x[LEVEL + 2] <= 0.0 and model.datum_cm[2] > 0.0:  # an empty tank lets out what flows in
-        o3 = min(o3, (1.0 - g2) * q2)
-    if x[LEVEL + 3] <= 0.0 and model.datum_cm[3] > 0.0:
-        o4 = min(o4, (1.0 - g1) * q1)
     rate[0] = (o3 - o1 + g1 * q1) / area[0]
     rate[1] = (o4 - o2 + g2 * q2) / area[1]
     rate[2] = ((1.0 - g2) * q2 - o3 - x[LEAK] * outflow[2]) / area[2]
     rate[3] = ((1.0 - g1) * q1 - o4 - x[LEAK + 1] * outflow[3]) / area[3]
+
+
+@compiled
+def _limit_outflow(model: FilterModel, x: Array, mean_V: Array, dt: float, outflow: Array, j: int) -> float:
+    """Limit what leaves the upper tank that pump j feeds, if it is empty at the end of the period, to what flows in.
+
+    That is so only with a datum, which draws water out of an empty tank. outflow : (4,) of clean outlets, changed.
+    Returns the share of the pump's water that the tank below gets, 0 if the tank is not empty.
+    """
+    i = 3 - j
+    if model.datum_cm[i] <= 0.0:
+        return 0.0
+    outlet, leak = max(x[OUTLET + i], 0.0), max(x[LEAK + i - 2], 0.0)
+    wanted = (outlet + leak) * outflow[i]
+    inflow = (1.0 - model.valve_split[j] * x[SPLIT + j]) * model.pump_gain_cm3_Vs[j] * x[GAIN + j] * mean_V[j]
+    if wanted <= max(inflow, 0.0) + model.area_cm2[i] * max(x[LEVEL + i], 0.0) / dt:
+        return 0.0
+    outflow[i] *= max(inflow, 0.0) / wanted
+    return float(outlet / (outlet + leak))
+
+
+@compiled
+def _linearise(
+    model: FilterModel, x: Array, dt: float, A: Array, outflow: Array, slope: Array, mean: MeanPumps, passed: Array
+) -> None:
+    """Rows of the levels. passed : (2,) by pump, of `_limit_outflow`; what it passes on changes the tank below."""
+    for j in range(2):
+        if passed[j] > 0.0:
+            outflow[3 - j] = slope[3 - j] = 0.0
+    _linearise_outflows(model, x, dt, A, outflow, slope)
+    _linearise_inflows(model, x, dt, A, mean)
+    for j in range(2):
+        i = 3 - j
+        if passed[j] > 0.0:
+            for state in (PUMP + j, LAG + j, GAIN + j, SPLIT + j):
+                A[i - 2, state] += passed[j] * model.area_cm2[i] / model.area_cm2[i - 2] * A[i, state]
+                A[i, state] = 0.0
 
 
 @compiled
