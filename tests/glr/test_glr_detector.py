@@ -314,3 +314,18 @@ def test_a_pump_that_has_half_of_its_lost_gain_back_has_not_recovered() -> None:
     assert [alarm.target for alarm in log.settled()][:1] == [1]
     assert not any(alarm.is_recovery for alarm in log.alarms)
     assert log.last.diagnosis.effectiveness[0] == pytest.approx(0.7, abs=0.04)
+
+
+def test_readings_of_a_shallow_tank_are_used_without_a_bias() -> None:
+    """A reading below the limit for an empty tank was dropped, one above it used: a tank of 0.07 cm seemed deeper.
+
+    With one reading in each period this gave false blockages of an upper tank's outlet after deep reference steps.
+    """
+    config, random = DETECTOR.config, np.random.default_rng(1)
+    for level_V in (0.035, 0.05, 0.065):
+        readings = random.normal(level_V, 0.005, 4000)
+        used = [reading for reading in readings if config.shows_level(2, reading, level_V)]
+        assert np.mean(used) == pytest.approx(level_V, abs=0.0003)
+    assert not any(config.shows_level(2, reading_V, 0.0) for reading_V in (0.0, 0.02, 0.055)), "the noise is cut off"
+    assert config.shows_level(2, 0.07, 0.0), "water comes that the filter does not know of"
+    assert not config.shows_level(2, 0.02, 3.0)

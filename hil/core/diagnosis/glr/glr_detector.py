@@ -107,12 +107,11 @@ class GlrDetector:
         m.now += 1
         m.t_s = m.times_s[m.now % RING] = t_s
         n, level_V, usable = measurement.readings, measurement.level_V, m.usable
-        floor_V2, empty_V = self.config.floor_V2, self.config.empty_V
-        scale = m.scale.tolist()
+        floor_V2, gain = self.config.floor_V2, self.config.model.level_gain_V_cm
+        scale, expected_cm = m.scale.tolist(), m.x[:4].tolist()
         levels, variances = [nan] * 4, [1.0] * 4
         for i, sensor in enumerate(m.sensors):
-            is_wet = empty_V[i] < level_V[i] < MAX_READING_V
-            if is_wet:
+            if level_V[i] < MAX_READING_V and self.config.shows_level(i, level_V[i], gain * expected_cm[i]):
                 sensor.learn(measurement, i, is_used=usable[i])
                 if n > 0 and usable[i] and measurement.valid[i]:
                     levels[i] = level_V[i]

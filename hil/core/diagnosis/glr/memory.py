@@ -57,7 +57,7 @@ class DetectorConfig:
     """What doesn't change during a run: tuning, the rig's numbers. All voltages are level signals and drives.
 
     noise_V : (4,) of a reading. floor_V2 : (4,) smallest variance of a mean of readings. empty_V : (4,) below it a
-    converter cuts the noise off, as in an empty tank: such readings are not used. range_V : (2,) of each pump.
+    converter cuts the noise off, as in an empty tank: see `shows_level`. range_V : (2,) of each pump.
     prior : (N,) standard deviation of the parameters before the first reading.
     """
 
@@ -107,6 +107,17 @@ class DetectorConfig:
             range_V=range_V,
             prior=_prior(tuning, uncertainty),
         )
+
+    def shows_level(self, i: int, reading_V: float, expected_V: float) -> bool:
+        """Whether the reading of sensor i (0 to 3) is used: not where the tank may be empty and the noise is cut off.
+
+        expected_V : by the filter, before the reading. Near the empty tank it decides: a limit on the reading itself
+        would keep those of a shallow tank that are too high and drop those that are too low.
+        """
+        empty_V, near_V = self.empty_V[i], self.empty_V[i] + EMPTY_STDS * self.noise_V[i]
+        if expected_V > near_V:
+            return reading_V > empty_V
+        return expected_V > empty_V or reading_V > near_V
 
     def filter_beside(self, x: Array, P: Array, entry: Array, target: int) -> float:
         """One step of a filter beside the main one, in place; the log-likelihood of the readings.
