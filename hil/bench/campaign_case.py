@@ -148,6 +148,7 @@ def _figures(bench: Bench) -> outcome.RigFigures:
         rate_V_s=max(rig.pumps.rate_V_s, rig.safety.stop_ramp_V_s),
         height_cm=rig.tank_model.height_cm,
         level_gain_V_cm=rig.tank_model.level_gain_V_cm,
+        valve_split=rig.pumps.valve_split,
     )
 
 

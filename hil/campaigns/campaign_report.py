@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from hil.campaigns import delay_figures, statistics
-from hil.campaigns.figure_text import not_played_text, rate_text, spread_text
+from hil.campaigns.figure_text import not_played_text, rate_text, share_text, spread_text
+from hil.campaigns.growing import PROMPT_S
 from hil.campaigns.row import INVARIANTS, Row
 from hil.campaigns.statistics import FaultClass
 from hil.campaigns.store import Store
@@ -119,6 +120,8 @@ def _class_table(classes: Sequence[FaultClass]) -> str:
             spread_text(one.isolation),
             f"{one.candidates_hold:.1%}",
             f"{one.right:.1%}",
+            f"{one.held:.1%}",
+            share_text(one.prompt),
             str(one.flips),
             f"{spread_text(one.size_error_1s, 2)}",
             f"{spread_text(one.size_error_5s, 2)}",
@@ -128,10 +131,13 @@ def _class_table(classes: Sequence[FaultClass]) -> str:
     ]
     heads = [
         "fault", "runs", "detected", "detected after [s]", "bound [s]", "isolated after [s]", "among candidates",
-        "right", "flips", "size error, 1 s", "5 s", "IAE after it, outputs 1 | 2 [V s]",
+        "right", "or among candidates at the end", "right 60 s after 5 %", "flips", "size error, 1 s", "5 s",
+        "IAE after it, outputs 1 | 2 [V s]",
     ]  # fmt: skip
     note = (
-        '<p class="soft">Median / 95th percentile. Delays since the onset; size errors of a pump\'s effectiveness.</p>'
+        '<p class="soft">Median / 95th percentile. Delays since the onset; size errors of a pump\'s effectiveness. '
+        f"Right {PROMPT_S:g} s after 5 %: share of the growing faults that had their right name, and no other, within "
+        "this time after their size had reached 5 %.</p>"
     )
     return page.table(heads, lines, numeric=frozenset(range(1, len(heads)))) + note
 

@@ -23,6 +23,11 @@ def spread_text(values: Spread, digits: int = 3) -> str:
     return f"{values.median:.{digits}g} / {values.p95:.{digits}g}"
 
 
+def share_text(share: float | None) -> str:
+    """A share as per cent; a dash where it does not apply."""
+    return "–" if share is None else f"{share:.1%}"
+
+
 def not_played_text(classes: Mapping[str, int]) -> str:
     """Runs whose faults had not begun when they ended, by class of faults; "" when there is none."""
     if not classes:

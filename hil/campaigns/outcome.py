@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from hil.campaigns import growing
 from hil.campaigns.cases import Case
 from hil.campaigns.observer import Observations, rate_broken
 from hil.campaigns.rig_draw import is_honest
 from hil.campaigns.row import CRASHED, Elapsed, Row
-from hil.core.types import UNRESOLVED, Quad
+from hil.core.types import UNRESOLVED, Pair, Quad
 from hil.edge.record.run_folder import Window
 from hil.loop import Outcome as Ending
 from hil.review.alarms import Finding, Injected, Judgement, injected, judge, merged
@@ -29,7 +30,7 @@ Bound = Callable[[Case], float | None]
 class RigFigures:
     """What a run's figures need of its configuration. rate_V_s : fastest requested change of an output.
 
-    height_cm : (4,) of the rims. level_gain_V_cm : of the level signals.
+    height_cm : (4,) of the rims. level_gain_V_cm : of the level signals. valve_split : (2,) the rig file's.
     """
 
     windows: tuple[Window, ...]
@@ -37,6 +38,7 @@ class RigFigures:
     rate_V_s: float
     height_cm: Quad
     level_gain_V_cm: float
+    valve_split: Pair
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,7 @@ def evaluate(
     healthy_s = min([fault.at_s for fault in process] + [run_s])
     columns = {
         **_about(case, planned),
-        **_diagnosis(process, verdict, findings, seen),
+        **_diagnosis(bench, process, verdict, findings, seen),
         "alarms_json": _json([asdict(finding) for finding in reported]),
         "honest_alarms": len(reported) - len(findings),
         **_errors(bench, seen, faults),
@@ -127,7 +129,7 @@ def _is_honest(case: Case, finding: Finding, faults: Sequence[Injected]) -> bool
 
 
 def _diagnosis(
-    process: Sequence[Injected], verdict: Judgement, findings: Sequence[Finding], seen: Observations
+    bench: RigFigures, process: Sequence[Injected], verdict: Judgement, findings: Sequence[Finding], seen: Observations
 ) -> dict[str, Any]:
     """Compare the findings with the faults of the process."""
     answers = [finding for finding in verdict.answers if finding is not None]
@@ -143,7 +145,8 @@ def _diagnosis(
     }
     if not process:
         return columns
-    columns |= {"detected": bool(answers), "right": verdict.is_right}
+    columns |= {"detected": bool(answers), "right": verdict.is_right, "held": verdict.is_held}
+    columns |= asdict(growing.figures(process, verdict, bench.valve_split))
     if not answers:
         return columns
     onset_s = process[0].at_s

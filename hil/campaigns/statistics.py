@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil.campaigns.cases import PAIRS
+from hil.campaigns.growing import PROMPT_S
 from hil.campaigns.row import INVARIANTS, Row
 
 CONFIDENCE = 0.95
@@ -26,7 +27,11 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class FaultClass:
-    """The runs of one class of faults: shares from 0 to 1, delays in s, bound_s: the median of their bounds."""
+    """The runs of one class of faults: shares from 0 to 1, delays in s, bound_s: the median of their bounds.
+
+    prompt : share of the growing faults that had their right name alone within `growing.PROMPT_S` of the time at which
+    they began to matter; None for a class without any.
+    """
 
     label: str
     runs: int
@@ -40,6 +45,8 @@ class FaultClass:
     size_error_5s: Spread
     flips: int
     iae_after_fault: tuple[Spread, Spread]
+    held: float = 0.0
+    prompt: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +120,7 @@ def spread(values: Iterable[float | None]) -> Spread:
 
 
 def _fault_class(label: str, rows: Sequence[Row]) -> FaultClass:
+    prompt = [row.named_s is not None and row.named_s <= PROMPT_S for row in rows if row.grown_s is not None]
     return FaultClass(
         label=label,
         runs=len(rows),
@@ -129,6 +137,8 @@ def _fault_class(label: str, rows: Sequence[Row]) -> FaultClass:
             spread(row.iae_after_fault_1_Vs for row in rows),
             spread(row.iae_after_fault_2_Vs for row in rows),
         ),
+        held=_share(row.held or row.right for row in rows),
+        prompt=_share(prompt) if prompt else None,
     )
 
 

@@ -8,12 +8,13 @@ from rich.console import Console
 from rich.table import Table
 
 from hil.campaigns import statistics
-from hil.campaigns.figure_text import not_played_text, rate_text, spread_text
+from hil.campaigns.figure_text import not_played_text, rate_text, share_text, spread_text
 from hil.campaigns.row import Row
 from hil.campaigns.statistics import FaultClass
 from hil.core.counted import counted
 
 MAX_NAMED = 5
+PROMPT = "right 60 s after 5 %"
 MIN_WIDTH = 120
 """Of the table, where no terminal sets its width. On a narrower terminal each class is a few lines instead."""
 
@@ -60,6 +61,7 @@ def _show_as_lines(console: Console, classes: Sequence[FaultClass]) -> None:
         lines = (
             one.label,
             f"  {counted(one.runs, 'run')}, found {one.detected:.1%}, right {one.right:.1%}",
+            *_growth_lines(one),
             f"  found after {spread_text(one.detection, 2)} s{bound}",
             f"  isolated after {spread_text(one.isolation, 2)} s",
             f"  size error 5 s later {spread_text(one.size_error_5s, 2)}",
@@ -68,13 +70,19 @@ def _show_as_lines(console: Console, classes: Sequence[FaultClass]) -> None:
             console.print(line, highlight=False, markup=False)
 
 
+def _growth_lines(one: FaultClass) -> tuple[str, ...]:
+    return () if one.prompt is None else (f"  or among candidates {one.held:.1%}, {PROMPT} {one.prompt:.1%}",)
+
+
 def _class_table(classes: Sequence[FaultClass]) -> Table:
     table = Table(title="Median / 95th percentile", title_justify="left")
     table.add_column("fault", no_wrap=True)
+    grows = any(one.prompt is not None for one in classes)
     for name in (
         "runs",
         "found",
         "right",
+        *(("or among\ncandidates", "right 60 s\nafter 5 %") if grows else ()),
         "found\nafter [s]",
         "bound\n[s]",
         "isolated\nafter [s]",
@@ -87,6 +95,7 @@ def _class_table(classes: Sequence[FaultClass]) -> Table:
             str(one.runs),
             f"{one.detected:.1%}",
             f"{one.right:.1%}",
+            *((f"{one.held:.1%}", share_text(one.prompt)) if grows else ()),
             spread_text(one.detection, 2),
             "–" if one.bound_s is None else f"{one.bound_s:.2g}",
             spread_text(one.isolation, 2),

@@ -90,7 +90,8 @@ class Judgement:
 
     answers : for each of `faults` the finding that reports it, None for a missed fault. false : findings before the
     first fault. spurious : later findings that report no injected fault. repeated : later ones that report a growing
-    or intermittent fault again, by its own name; they are neither spurious nor a wrong name.
+    or intermittent fault again, by its own name or unresolved with it among the candidates; they are neither spurious
+    nor a wrong name.
     """
 
     faults: tuple[Injected, ...]
@@ -107,6 +108,19 @@ class Judgement:
         ]
         named = all(answer is not None and _names(answer, fault) for fault, answer in asked)
         return named and not self.false and not self.spurious
+
+    @property
+    def is_held(self) -> bool:
+        """Whether no fault of the process has a wrong name: each has its own, or an open alarm has it as candidate.
+
+        An open alarm is one that is unresolved and not withdrawn. Further unresolved alarms are no names.
+        """
+        asked = [
+            (fault, answer) for fault, answer in zip(self.faults, self.answers, strict=True) if fault.is_of_the_process
+        ]
+        others = [finding for finding in self.spurious if finding.kind != UNRESOLVED]
+        held = all(answer is not None and (_names(answer, fault) or _holds(answer, fault)) for fault, answer in asked)
+        return held and not self.false and not others
 
 
 def merged(alarms: Iterable[Mapping[str, Any]]) -> tuple[Finding, ...]:
@@ -155,14 +169,14 @@ def judge(faults: Sequence[Injected], findings: Sequence[Finding]) -> Judgement:
     left = [finding for finding in findings if _time(finding) >= first_s - TIME_TOLERANCE_S]
     false = tuple(finding for finding in findings if finding not in left)
     answers: list[Finding | None] = [None] * len(faults)
-    for says_so in (_names, _follows):
+    for says_so in (_names, _holds, _follows):
         for index in process:
             match = next((finding for finding in left if says_so(finding, faults[index])), None)
             if answers[index] is None and match is not None:
                 answers[index] = match
                 left.remove(match)
     changing = [faults[index] for index in process if faults[index].ramp_s > 0.0 or faults[index].period_s is not None]
-    repeated = tuple(finding for finding in left if any(_names(finding, fault) for fault in changing))
+    repeated = tuple(finding for finding in left if any(_repeats(finding, fault) for fault in changing))
     spurious = tuple(finding for finding in left if finding not in repeated)
     return Judgement(tuple(faults), tuple(answers), false, spurious, repeated)
 
@@ -202,6 +216,17 @@ def _isolated_s(alarm: Mapping[str, Any]) -> float | None:
 
 def _names(finding: Finding, fault: Injected) -> bool:
     return finding.kind in fault.kinds and finding.target == fault.target and _follows(finding, fault)
+
+
+def _holds(finding: Finding, fault: Injected) -> bool:
+    """Whether the finding is an open alarm with the fault among its candidates."""
+    is_open = finding.kind == UNRESOLVED and finding.recovered_s is None
+    return is_open and any(name in finding.candidates for name in fault.names) and _follows(finding, fault)
+
+
+def _repeats(finding: Finding, fault: Injected) -> bool:
+    is_held = finding.kind == UNRESOLVED and any(name in finding.candidates for name in fault.names)
+    return _names(finding, fault) or is_held
 
 
 def _follows(finding: Finding, fault: Injected) -> bool:

@@ -25,7 +25,9 @@ from hil.edge.record.run_folder import RunFolderError
 from hil.loop import Outcome as Ending
 from tests.campaign.campaign_bench import row
 
-BENCH = RigFigures(windows=(), period_s=0.1, rate_V_s=20.0, height_cm=(20.0,) * 4, level_gain_V_cm=0.5)
+BENCH = RigFigures(
+    windows=(), period_s=0.1, rate_V_s=20.0, height_cm=(20.0,) * 4, level_gain_V_cm=0.5, valve_split=(0.7, 0.6)
+)
 REST = Rest(spilled_cm3=0.0, applied_V=(0.0, 0.0))
 FAULTY = Case("k", "leak 1 = 0.2", "s", 1, {"fault": [{"kind": "leak", "target": 1, "value": 0.2, "at_s": 4.0}]})
 

@@ -54,6 +54,22 @@ def test_a_fault_that_grows_is_one_alarm_whose_size_follows(
     assert all(not_none(b.isolated_s) > not_none(a.isolated_s) for a, b in pairwise(sized))
 
 
+@pytest.mark.parametrize("seed", [90, pytest.param(91, marks=pytest.mark.long)])
+def test_a_pump_that_fades_while_its_voltage_rises_is_not_stuck(seed: int) -> None:
+    """A reference step after the verdict: the flow stayed constant by chance, and the run tripped on a stuck pump."""
+    log = play(seed, AT_S + 25.0, growing(fading(0), 0.02, 0.5), ((5.0, 0.3), (AT_S + 4.0, 0.3)))
+    assert not any(any(state.diagnosis.stuck_on) for state in log.states)
+    assert {(alarm.kind, alarm.target) for alarm in log.settled()} == {("pump_effectiveness", 1)}
+
+
+@pytest.mark.long
+def test_an_outlet_that_clogs_slowly_at_rest_is_not_called_a_drift() -> None:
+    """The replay of growth kept the onset that the bank had given it, and trailed the drift by more than the margin."""
+    log = play(92, AT_S + 300.0, growing(lambda size: put("block", 1, size), 0.0002, 0.06), ())
+    assert {(alarm.kind, alarm.target) for alarm in log.settled()} <= {("outlet_block", 2)}
+    assert any("outlet_block 2" in alarm.candidates for alarm in log.alarms)
+
+
 def test_a_drift_of_a_lower_sensor_stays_a_drift() -> None:
     log = play(88, AT_S + 40.0, ((AT_S, put("drift", 0, 0.02)),))
     assert [(alarm.kind, alarm.target) for alarm in log.settled()] == [("sensor_drift", 1)]

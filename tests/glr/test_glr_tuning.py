@@ -65,13 +65,7 @@ def test_a_mean_of_many_quiet_readings_is_trusted_to_half_a_millivolt() -> None:
     assert std_V == pytest.approx(np.full(len(std_V), 5e-4), rel=0.01)
 
 
-@pytest.mark.parametrize("pump", [0, 1])
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize(("moved", "is_stuck"), [(0.145, False), (0.155, True)])
-def test_a_pump_is_stuck_only_when_its_voltage_has_moved_by_15_per_cent(
-    pump: int, sign: float, moved: float, is_stuck: bool
-) -> None:
-    memory, voltage_V = a_memory(), 3.0
+def a_stuck_check(memory: Memory, pump: int) -> StuckCheck:
     memory.declared[pump] = Declared("pump_effectiveness", -0.4, 1.0, 7, 20.0, 21.0)
     check = memory.stuck_checks[pump] = StuckCheck(
         pump=pump,
@@ -79,12 +73,36 @@ def test_a_pump_is_stuck_only_when_its_voltage_has_moved_by_15_per_cent(
         detected_s=20.0,
         onset_s=19.5,
         until_s=memory.t_s + 5.0,
-        voltage_V=voltage_V,
+        voltage_V=3.0,
         x=memory.x.copy(),
         P=memory.P.copy(),
+        growing_x=memory.x.copy(),
+        growing_P=memory.P.copy(),
     )
-    memory.entry[VOLTAGE + pump] = voltage_V * (1.0 + sign * moved)
+    return check
+
+
+@pytest.mark.parametrize("pump", [0, 1])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("moved", "is_stuck"), [(0.145, False), (0.155, True)])
+def test_a_pump_is_stuck_only_when_its_voltage_has_moved_by_15_per_cent(
+    pump: int, sign: float, moved: float, is_stuck: bool
+) -> None:
+    memory = a_memory()
+    check = a_stuck_check(memory, pump)
+    memory.entry[VOLTAGE + pump] = check.voltage_V * (1.0 + sign * moved)
     enough = 1.01 * DETECTOR.config.tuning.detect
     alarms = stuck_check.judge(DETECTOR.config, memory, check, 0.0, enough)
     assert [(alarm.kind, alarm.target, alarm.number) for alarm in alarms] == [("pump_stuck_on", pump + 1, 7)] * is_stuck
     assert (pump not in memory.stuck_checks) is is_stuck
+
+
+@pytest.mark.parametrize(("growing", "is_stuck"), [(-30.0, True), (0.0, True), (15.0, False)])
+def test_a_gain_that_goes_on_changing_must_be_less_likely_than_a_stuck_pump(growing: float, is_stuck: bool) -> None:
+    """A pump that faded by 2 % a second while its voltage rose gave a constant flow, and tripped as stuck."""
+    memory = a_memory()
+    check = a_stuck_check(memory, 0)
+    check.growing_evidence = growing
+    memory.entry[VOLTAGE] = 1.2 * check.voltage_V
+    enough = 1.01 * DETECTOR.config.tuning.detect
+    assert bool(stuck_check.judge(DETECTOR.config, memory, check, 0.0, enough)) is is_stuck

@@ -67,6 +67,8 @@ def declare(config: DetectorConfig, m: Memory, j: int, before: Array, onset: int
             shown=shown,
             grows=grows,
         )
+    if grows:
+        m.followed_s = m.t_s
     if kind == "sensor_drift" and not is_recovery:
         _exclude_sensor(m, jump.target - 1, kind, number)
     if j in PUMPS:

@@ -52,6 +52,11 @@ BOTH = H
 """Number of the hypothesis that both pumps jumped at once."""
 
 
+def jumps_of(number: int) -> tuple[int, ...]:
+    """The places in JUMPS that a hypothesis is about."""
+    return PUMPS if number == BOTH else (number,)
+
+
 def drift_of(tank: int) -> int:
     """Place in JUMPS of the drift of a tank's sensor."""
     return next(number for number, jump in enumerate(JUMPS) if jump.state == DRIFT + tank - 1)

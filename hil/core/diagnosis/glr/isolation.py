@@ -9,29 +9,31 @@ from math import sqrt
 
 import numpy as np
 
-from hil.core.diagnosis.glr import ambiguity, declaration, drift_review, kernels, rollback, stuck_check
+from hil.core.diagnosis.glr import ambiguity, declaration, drift_review, growth, kernels, onsets, rollback, stuck_check
 from hil.core.diagnosis.glr.ambiguity import NO_EVIDENCE
-from hil.core.diagnosis.glr.bank import SLOTS
 from hil.core.diagnosis.glr.declaration import IDLE_V
 from hil.core.diagnosis.glr.filter import VOLTAGE
-from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, PUMPS, ROWS, VARIANTS, H
+from hil.core.diagnosis.glr.growth import NO_GROWTH
+from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, PUMPS, ROWS, VARIANTS, H, jumps_of
 from hil.core.diagnosis.glr.memory import Checkpoint, DetectorConfig, Memory, Suspicion
 from hil.core.diagnosis.glr.model import BIAS, DRIFT, GAIN, Array
-from hil.core.diagnosis.glr.replay import RING, Replays
+from hil.core.diagnosis.glr.replay import Replays
 from hil.core.types import Alarm
 
-ONSETS_AROUND = (-8, -4, -2, -1, 0, 1, 2, 4, 8)
 RIVALS = 2
-"""Onsets to try, in steps from the likeliest, before a verdict; the number of the leader's rivals that get the same."""
+"""The number of the leader's rivals whose onsets are tried before a verdict."""
+
+SHARPEN_WAIT = 20
+"""Other onsets are tried again after this share of the time since the onset: they take time of the processor."""
+
+OPEN_MARGIN = 12.0
+"""Hypotheses that lag by no more are still candidates when the time for isolation is over, see `ambiguity`."""
 
 CHECKPOINT_STEPS = 10
 """The checkpoint is at least this many steps before the onset of what is declared."""
 
 MAX_BACK_STEPS = 100
 """Filtering more steps than this again would take longer than a control step may."""
-
-NO_LIMIT = 1 << 40
-"""Filter steps; more than there can be."""
 
 MIN_GAIN, SURE_STDS = -0.1, 3.0
 """No pump runs backwards; the estimated gain of one at rest may be a little below zero, at first with a large error."""
@@ -40,16 +42,8 @@ PLAIN = -1
 VARIANT_MARGIN = 1.0
 """By how much another variant of a hypothesis must explain the readings better to take its place."""
 
-GROWTH_AGE = 1.5
-"""Since the onset of a fault that grows, over the time since that of the jump that looks most like it."""
-
 FAR_BEHIND = 0.25
 """A hypothesis with less than this share of the leader's ratio has no onset worth its own replay."""
-
-
-def jumps_of(number: int) -> tuple[int, ...]:
-    """The places in JUMPS that a hypothesis is about."""
-    return PUMPS if number == BOTH else (number,)
 
 
 def suspect(m: Memory) -> None:
@@ -68,11 +62,11 @@ def suspect(m: Memory) -> None:
     for number in range(H + 1):
         own = m.best.slot[number] >= 0 and m.best.ratio[number] >= FAR_BEHIND * m.max_ratio
         slots.append(int(m.best.slot[number if own else leader]))
-        _begin(m, m.replays, number, number, PLAIN, slots[number])
+        onsets.begin(m, m.replays, number, number, PLAIN, slots[number])
     for place, variant in enumerate(VARIANTS):
-        slot = slots[variant.number] if variant.rate == 0.0 else _earlier(m, slots[variant.number])
+        slot = slots[variant.number] if variant.rate == 0.0 else onsets.earlier(m, slots[variant.number], slots[leader])
         slot = slot if variant.onset_of is None else slots[variant.onset_of]
-        _begin(m, m.replays, H + 1 + place, variant.number, place, slot)
+        onsets.begin(m, m.replays, H + 1 + place, variant.number, place, slot)
 
 
 def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Alarm]:
@@ -90,15 +84,18 @@ def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Ala
         pass  # after some more readings a sensor may be found stuck: then none of these is true
     elif is_seen or (is_bias and evidence[order[0]] - evidence[order[1]] >= tuning.jump_margin):
         winner = _leader(config, m, evidence, order)
+    if winner is not None and m.now < suspicion.sharpen_at:
+        winner = None
     if winner is not None:
+        suspicion.sharpen_at = m.now + max(1, (m.now - int(r.onset[winner])) // SHARPEN_WAIT)
         rivals = [n for n in order if n != winner and evidence[n] >= evidence[winner] - tuning.drop_margin]
-        for number in (winner, *rivals[:RIVALS]):
-            _sharpen(config, m, number)
+        for number in dict.fromkeys((winner, *rivals[:RIVALS], *onsets.alike(winner))):
+            onsets.sharpen(config, m, number)
         evidence, order = _evidence(m)
         winner = _leader(config, m, evidence, order)
     is_late = m.t_s - suspicion.detected_s >= tuning.resolve_within_s
     is_overtaken = _is_overtaken(config, m, order[0]) and not m.is_doubtful
-    if winner is None and (is_late or is_overtaken):
+    if winner is None and ((is_late and evidence[order[0]] > NO_EVIDENCE) or is_overtaken):
         winner = order[0]
     if is_late and winner is not None and not is_overtaken and ambiguity.is_led_by_small(m, winner):
         winner = None
@@ -107,9 +104,9 @@ def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Ala
     if winner is not None:
         return _settle(config, m, suspicion, winner, order)
     _drop(config, m, evidence)
-    likely = [number for number in order if evidence[number] >= evidence[order[0]] - tuning.margin]
     if is_late:
-        return _still_open(m, suspicion, likely)
+        return _still_open(m, suspicion, _open_candidates(m, evidence))
+    likely = [number for number in order if evidence[number] >= evidence[order[0]] - tuning.margin]
     return _candidates(m, suspicion, likely + _likely_by_bank(config, m))
 
 
@@ -119,6 +116,15 @@ def _still_open(m: Memory, suspicion: Suspicion, likely: list[int]) -> list[Alar
         return []
     suspicion.is_told = True
     return [declaration.unresolved(m, suspicion, likely)]
+
+
+def _open_candidates(m: Memory, evidence: Array) -> list[int]:
+    """The hypotheses that may still be true, the likeliest first; also those that are too small so far."""
+    found = {number: float(value) for number, value in enumerate(evidence) if value > NO_EVIDENCE}
+    found |= ambiguity.too_small(m)
+    best = max(found.values(), default=0.0)
+    likely = (number for number, value in found.items() if value >= best - OPEN_MARGIN)
+    return sorted(likely, key=lambda number: -found[number])
 
 
 def _candidates(m: Memory, suspicion: Suspicion, likely: list[int]) -> list[Alarm]:
@@ -136,29 +142,6 @@ def _drop(config: DetectorConfig, m: Memory, evidence: Array) -> None:
     behind = r.evidence < evidence.max() - config.tuning.drop_margin
     r.dropped[behind & (m.now - r.onset > config.tuning.min_steps)] = 1
     r.dropped[BOTH] = 0
-
-
-def _earlier(m: Memory, slot: int) -> int:
-    """The slot at which a fault began to grow that looks like a jump at the onset of this slot."""
-    onsets = m.bank.onset
-    wanted = m.now - GROWTH_AGE * (m.now - int(onsets[slot]))
-    early = [s for s in range(SLOTS) if 0 <= onsets[s] <= wanted]
-    return max(early, key=lambda s: int(onsets[s])) if early else min(_slots(m), key=lambda s: int(onsets[s]))
-
-
-def _slots(m: Memory) -> list[int]:
-    """Slots that are in use."""
-    return [s for s in range(SLOTS) if m.bank.onset[s] >= 0]
-
-
-def _begin(m: Memory, replays: Replays, row: int, number: int, variant: int, slot: int) -> None:
-    """Begin a replay of hypothesis `number`, its onset that of a slot of the bank."""
-    reach = np.zeros(4)
-    for j in jumps_of(number):
-        energy = m.bank.energy[j, slot]
-        size = min(max(m.bank.match[j, slot] / energy, -1.0), 1.0) if energy > 0.0 else 0.0
-        reach += size * m.result.A[:4, JUMPS[j].state]
-    replays.begin(row, number, variant, m.history, slot, int(m.bank.onset[slot]), reach, m.growing)
 
 
 def _likely_by_bank(config: DetectorConfig, m: Memory) -> list[int]:
@@ -256,7 +239,7 @@ def _refilter(config: DetectorConfig, m: Memory, start: int) -> None:
 def _checkpoint(m: Memory, onset: int) -> Checkpoint:
     """The filter as it was before a fault began, with a margin of some steps."""
     b = m.bank
-    slots = _slots(m)
+    slots = onsets.slots_in_use(m)
     early = [s for s in slots if b.onset[s] <= onset - CHECKPOINT_STEPS]
     slot = max(early, key=lambda s: int(b.onset[s])) if early else min(slots, key=lambda s: int(b.onset[s]))
     return Checkpoint(
@@ -266,25 +249,6 @@ def _checkpoint(m: Memory, onset: int) -> Checkpoint:
         P=m.history.P[slot].copy(),
         declared=dict(m.declared),
     )
-
-
-def _sharpen(config: DetectorConfig, m: Memory, number: int) -> None:
-    """Try onsets around that of a hypothesis; the replay that explains the readings best takes its place.
-
-    Each is judged against no jump from its own onset on, so that the ratios compare as they are.
-    """
-    r, scratch = m.replays, m.scratch
-    onset = int(r.onset[number])
-    slot_of = {int(at): slot for slot, at in enumerate(m.bank.onset) if at >= 0}
-    near = [slot_of[onset + by] for by in ONSETS_AROUND if onset + by in slot_of and onset + by < m.now - 1]
-    if not near or m.now - onset >= RING - 64:
-        return
-    for row, slot in enumerate(near):
-        _begin(m, scratch, row, number, int(r.variant[number]), slot)
-    kernels.catch_up(config.model, m.history, scratch, len(near), m.now, NO_LIMIT)
-    best = int(np.argmax(scratch.evidence[: len(near)]))
-    if scratch.evidence[best] > r.evidence[number]:
-        r.take(number, scratch, best)
 
 
 def _evidence(m: Memory) -> tuple[Array, list[int]]:
@@ -299,8 +263,13 @@ def _evidence(m: Memory) -> tuple[Array, list[int]]:
 
 
 def _loosen(config: DetectorConfig, m: Memory, winner: int, before: Array) -> None:
-    """Raise the variance of levels and size: the onset may be off by part of a step, and the readings correct that."""
+    """Raise the variance of levels and size: the onset may be off by part of a step, and the readings correct that.
+
+    Growth does not begin abruptly: its size is known as well as the replay says.
+    """
     tuning = config.tuning
+    if m.growing != NO_GROWTH and all(growth.covers(m.growing, j) for j in jumps_of(winner)):
+        return
     for j in jumps_of(winner):
         jump = JUMPS[j]
         size = float(m.x[jump.state] - before[jump.state])

@@ -144,6 +144,7 @@ class Suspicion:
 
     number : of the alarm; None as long as it may be about a fault that has one. leader : the likeliest hypothesis, None
     before the replays have found one. is_told : whether it was reported that candidates remain after the time for it.
+    sharpen_at : step from which other onsets may be tried again.
     mean_V : (2,) slow mean of the pumps' voltages; moved_s : for how long a pump was away from it.
     """
 
@@ -151,6 +152,7 @@ class Suspicion:
     detected_s: float
     leader: int | None = None
     is_told: bool = False
+    sharpen_at: int = 0
     mean_V: Array | None = None
     moved_s: float = 0.0
 
@@ -171,8 +173,9 @@ class Lost(NamedTuple):
 class StuckCheck:
     """A pump whose gain has changed, checked for being stuck, with the filter of a pump whose flow stays as it is.
 
-    pump : 0 or 1. voltage_V : at which it gave that flow. evidence : log-likelihood ratio against changes of the gain.
-    until_s : run time at which the check ends.
+    pump : 0 or 1. voltage_V : at which it gave that flow. evidence : log-likelihood ratio against the main filter.
+    until_s : run time at which the check ends. growing_x, growing_P, growing_evidence : the same of a gain that goes on
+    changing at a constant rate.
     """
 
     pump: int
@@ -183,7 +186,10 @@ class StuckCheck:
     voltage_V: float
     x: Array
     P: Array
+    growing_x: Array
+    growing_P: Array
     evidence: float = 0.0
+    growing_evidence: float = 0.0
 
 
 @dataclass(slots=True)
@@ -324,8 +330,10 @@ class Memory:
         return newest
 
     def time_of(self, step: int) -> float:
-        """Run time of a step that the history still holds, s."""
-        return self.times_s[step % RING]
+        """Run time of a step, s; of one that the history no longer holds, by the usual period."""
+        if self.now - step < RING:
+            return self.times_s[step % RING]
+        return self.t_s - (self.now - step) * self.usual_s
 
     def open_slot(self, step: int | None = None) -> None:
         """Let the bank consider jumps from this step (None: now) on, and keep the filter as it stands."""

@@ -5,6 +5,9 @@ gain a filter in which that pump's flow stays as it was continues beside the mai
 with the gain that was found. The law moves the voltage by what the pump lost or gained, and that tells the two apart:
 either the flow has followed, and the check ends, or it has not. Another change of the gain meanwhile is credited to
 the main filter, with the evidence that it was declared for.
+
+A pump that goes on fading while its voltage rises gives a constant flow, too. So a third filter continues in which the
+gain changes at a constant rate, and the constant flow must explain the readings better than this as well.
 """
 
 from __future__ import annotations
@@ -14,8 +17,10 @@ from dataclasses import replace
 import numpy as np
 
 from hil.core.diagnosis.glr.filter import DOUBT, VOLTAGE
+from hil.core.diagnosis.glr.growth import BOTH_GAINS
+from hil.core.diagnosis.glr.hypotheses import GROWTH_STD
 from hil.core.diagnosis.glr.memory import DetectorConfig, Memory, StuckCheck
-from hil.core.diagnosis.glr.model import GAIN, PUMP
+from hil.core.diagnosis.glr.model import GAIN, PUMP, RATE, Array
 from hil.core.types import Alarm
 
 STUCK_MOVED = 0.15
@@ -37,6 +42,7 @@ def begin(config: DetectorConfig, m: Memory, pump: int, number: int, detected_s:
     voltage_V = max(float(m.entry[VOLTAGE + pump]), MIN_VOLTAGE_V)
     x[GAIN + pump] *= float(x[PUMP + pump]) / voltage_V
     x[PUMP + pump] = voltage_V
+    growing_x, growing_P = _growing(m)
     m.stuck_checks[pump] = StuckCheck(
         pump=pump,
         number=number,
@@ -46,6 +52,8 @@ def begin(config: DetectorConfig, m: Memory, pump: int, number: int, detected_s:
         voltage_V=voltage_V,
         x=x,
         P=m.P.copy(),
+        growing_x=growing_x,
+        growing_P=growing_P,
     )
 
 
@@ -53,6 +61,9 @@ def step(config: DetectorConfig, m: Memory, log_likelihood: float) -> list[Alarm
     """One step of every check. log_likelihood : of this step's readings in the main filter."""
     alarms = []
     for p in list(m.stuck_checks.values()):
+        grows = BOTH_GAINS if m.growing == BOTH_GAINS else GAIN + p.pump
+        growing_likelihood = config.filter_beside(p.growing_x, p.growing_P, m.entry, grows)
+        p.growing_evidence += growing_likelihood - log_likelihood
         entry = m.entry.copy()
         entry[VOLTAGE + p.pump], entry[DOUBT + p.pump] = p.voltage_V, 0.0
         alarms += judge(config, m, p, log_likelihood, config.filter_beside(p.x, p.P, entry, m.growing))
@@ -70,7 +81,8 @@ def judge(
     if is_refuted or m.t_s > p.until_s or p.pump not in m.declared:
         del m.stuck_checks[p.pump]
         return []
-    if p.evidence < max(detect, _best_rival(m)) or moved < STUCK_MOVED:
+    needed = max(detect + max(p.growing_evidence, 0.0), _best_rival(m))
+    if p.evidence < needed or moved < STUCK_MOVED:
         return []
     del m.stuck_checks[p.pump]
     fault = m.declared[p.pump]
@@ -95,6 +107,16 @@ def credit(m: Memory, evidence: float) -> None:
     """The main filter has been replaced by one that explains the readings better by this log-likelihood ratio."""
     for check in m.stuck_checks.values():
         check.evidence -= evidence
+        check.growing_evidence -= evidence
+
+
+def _growing(m: Memory) -> tuple[Array, Array]:
+    """State and covariance of a filter in which a gain changes at an unknown rate from now on."""
+    x, P = m.x.copy(), m.P.copy()
+    x[RATE] = 0.0
+    P[RATE, :] = P[:, RATE] = 0.0
+    P[RATE, RATE] = GROWTH_STD**2
+    return x, P
 
 
 def _best_rival(m: Memory) -> float:
