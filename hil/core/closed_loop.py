@@ -14,12 +14,13 @@ from hil.core.active_isolation import IDLE, Probe
 from hil.core.alarm_units import in_bench_units
 from hil.core.diagnosis.detector import FaultDetector
 from hil.core.estimator import Estimate, LevelFilter
+from hil.core.following import HEALTHY, Followed, follow
 from hil.core.pumps import STRAIGHT, Pumps, UnderWay
 from hil.core.reconfiguration import Reconfiguration
 from hil.core.sensors import PLAIN, Sensors
 from hil.core.start_phase import StartConfig, StartPhase
 from hil.core.state_feedback import ControlLaw
-from hil.core.types import UNRESOLVED, Alarm, Diagnosis, Event, Inputs, Measurement, Pair, Quad, Severity
+from hil.core.types import UNRESOLVED, Alarm, Diagnosis, Event, Inputs, Measurement, Pair, Quad, Severity, Waterways
 
 TIME_TOLERANCE_S = 1e-6
 """Tolerance for comparing times, against rounding of floats."""
@@ -27,20 +28,7 @@ TIME_TOLERANCE_S = 1e-6
 MAX_PREDICTED_PERIODS = 5.0
 """After a stall the estimate is predicted over at most this many control periods."""
 
-HEALTHY = (1.0, 1.0)
 ALL = (True, True, True, True)
-
-LARGE_CHANGE = 0.2
-"""A change of effectiveness of this size or more changes the law at once: the operating voltage is wrong by as much."""
-
-REFINED_CHANGE, REFINING_S = 0.01, 5.0
-"""For REFINING_S after a large change, while the estimate is refined, changes of REFINED_CHANGE are followed too."""
-
-SMALL_CHANGE, DWELL_S = 0.005, 10.0
-"""Any other change of this size changes the law at most once in DWELL_S: a fault may come and go."""
-
-SPLIT_CHANGE, SPLIT_S = 0.01, 2.0
-"""A change of a valve's split of this size is followed, at most once in SPLIT_S."""
 
 UNSTABLE_S = 5.0
 """A split is refined after it was found: no stable law for this time is a reason to stop. Instability grows slowly."""
@@ -75,18 +63,17 @@ class LoopState:
     started_ns : time 0 of the run, still to come in a start phase. reference_V : (2,) outputs requested, on their
     way in a start phase. start : the start phase that the run began with, or None. law : in force. base : the same, at
     the end of a start phase.
-    law_for : the reference, effectiveness and valve splits that the law was computed for. changed_s : run time of the
-    last change of effectiveness that changed the law. refined_until_s : run time until which refinements of it are
-    followed. level_cm : (4,) the levels fed back, less a probe's movement. drive_V, raw_V : (2,) what law and probe ask
-    for at this step, as drives and as voltages. split_s : run time of the last change of the splits. unstable_since_s :
-    since when no law is stable, inf if one is. under_way : drives that have not arrived, for pumps with a delay.
+    law_for : the reference, effectiveness, valve splits and waterways that the law was computed for. followed : what of
+    the diagnosis the law follows. level_cm : (4,) the levels fed back, less a probe's movement. drive_V, raw_V : (2,)
+    what law and probe ask for at this step, as drives and as voltages. unstable_since_s : since when no law is stable,
+    inf if one is. under_way : drives that have not arrived, for pumps with a delay.
     """
 
     started_ns: int
     stepped_ns: int
     reference_V: Pair
     law: ControlLaw
-    law_for: tuple[Pair, Pair, Pair | None]
+    law_for: tuple[Pair, Pair, Pair | None, Waterways | None]
     integral_Vs: Pair
     estimate: Estimate
     memory: Any
@@ -98,9 +85,7 @@ class LoopState:
     under_way: UnderWay
     base: ControlLaw
     start: StartPhase | None = None
-    changed_s: float = -inf
-    refined_until_s: float = -inf
-    split_s: float = -inf
+    followed: Followed = field(default_factory=Followed)
     unstable_since_s: float = inf
 
     @property
@@ -138,7 +123,7 @@ def begin(config: LoopConfig, inputs: Inputs, now_ns: int) -> LoopState:
         stepped_ns=now_ns,
         reference_V=reference,
         law=law,
-        law_for=(reference, HEALTHY, None),
+        law_for=(reference, HEALTHY, None, None),
         integral_Vs=integral,
         estimate=estimator.start(config.level_filter, inputs.measurement, drive_V),
         memory=config.detector.start(),
@@ -163,26 +148,18 @@ def step(
     estimate, memory, diagnosis = _observe(config, state, inputs, t_s, period_s, arrived_V)
     reference = _reference_at(config, t_s)
     base, law_for, integral = state.base, state.law_for, state.integral_Vs
-    changed_s, refined_until_s = state.changed_s, state.refined_until_s
     level_cm = _feedback_level_cm(config, inputs.measurement, diagnosis, estimate, probe)
-    effectiveness = law_for[1]
-    if config.reconfigure and diagnosis.effectiveness != effectiveness:
-        change = _change(effectiveness, diagnosis.effectiveness)
-        if not change < LARGE_CHANGE or (t_s - changed_s >= DWELL_S and change >= SMALL_CHANGE):
-            effectiveness, changed_s = diagnosis.effectiveness, t_s
-            refined_until_s = t_s + REFINING_S if change >= LARGE_CHANGE else refined_until_s
-        elif t_s <= refined_until_s and change >= REFINED_CHANGE:
-            effectiveness = diagnosis.effectiveness
-    split, split_s = law_for[2], state.split_s
-    if config.reconfigure and _is_new_split(split, diagnosis.valve_split, t_s - split_s):
-        split, split_s = diagnosis.valve_split, t_s
-    requested = (reference, effectiveness, split)
+    followed = follow(state.followed, diagnosis, t_s) if config.reconfigure else state.followed
+    requested = (reference, followed.effectiveness, followed.valve_split, followed.waterways)
     if requested != law_for:
         base, law_for = config.reconfiguration.law(*requested), requested
     law = base if state.start is None else state.start.moved(config.level_filter.model, base, t_s)
     if base is not state.base:
         effective = state_feedback.effective_voltage(state.law, integral, level_cm)
         integral = state_feedback.bumpless_integral(law, level_cm, effective)
+        ways = _newly_identified(config, state.followed, followed)
+        if ways is not None and not law.problem:
+            integral = config.reconfiguration.settling_integral(law, ways, level_cm)
     v1, v2 = state_feedback.pump_voltage(law, state_feedback.effective_voltage(law, integral, level_cm))
     drive = (v1 + probe.offset_V[0], v2 + probe.offset_V[1])
     new = LoopState(
@@ -202,9 +179,7 @@ def step(
         under_way=under_way,
         base=base,
         start=state.start,
-        changed_s=changed_s,
-        refined_until_s=refined_until_s,
-        split_s=split_s,
+        followed=followed,
         unstable_since_s=min(state.unstable_since_s, t_s) if law.problem else inf,
     )
     return new, _events(state, new)
@@ -318,15 +293,10 @@ def _level_in_use_cm(config: LoopConfig, measurement: Measurement, diagnosis: Di
     return (h1, h2, h3, h4)
 
 
-def _is_new_split(old: Pair | None, new: Pair | None, age_s: float) -> bool:
-    """Whether the law follows other splits than those age_s old: they are refined for some time."""
-    if old is None or new is None:
-        return old is not new
-    return age_s >= SPLIT_S and _change(old, new) >= SPLIT_CHANGE
-
-
-def _change(old: Pair, new: Pair) -> float:
-    return max(abs(new[0] - old[0]), abs(new[1] - old[1]))
+def _newly_identified(config: LoopConfig, old: Followed, new: Followed) -> Waterways | None:
+    """The waterways if the operating point has just become theirs: the integrals then have nothing to correct."""
+    is_new = config.reconfiguration.design.follows_reference and new.waterways is not old.waterways
+    return new.waterways if is_new else None
 
 
 def _reference_at(config: LoopConfig, t_s: float) -> Pair:

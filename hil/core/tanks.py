@@ -11,7 +11,8 @@ V, see `hil.core.sensors`. Hajiani and Poshtan (2012), eq. (1):
 
 g1, g2 are the valve splits. A pump with effectiveness theta_j moves theta_j k_j v_j; nothing else changes. Where an
 outlet, or the end of its hose, lies d_i below the zero of its tank (the datum), h_i + d_i takes the place of h_i as
-long as there is water; an empty tank lets out no more than flows in.
+long as there is water; an empty tank lets out no more than flows in. Where tank 3 or 4 leaks, a share of its outflow
+arrives below (`arriving`).
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ class TankModel:
 
     area_cm2, outlet_cm2 : (4,) A_i and a_i. pump_gain_cm3_Vs : (2,) k_j. valve_split : (2,) gamma_j in (0, 1).
     level_gain_V_cm : k_c of the level signals. height_cm : (4,) of the rims. gravity_cm_s2 : g. datum_cm : (4,) d_i.
+    arriving : (2,) share of the outflow of tanks 3 and 4 that arrives in tanks 1 and 2.
     """
 
     area_cm2: Quad = (28.0, 32.0, 28.0, 32.0)
@@ -47,6 +49,7 @@ class TankModel:
     height_cm: Quad = (20.0, 20.0, 20.0, 20.0)
     gravity_cm_s2: float = 981.0
     datum_cm: Quad = (0.0, 0.0, 0.0, 0.0)
+    arriving: Pair = (1.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +83,8 @@ def level_rates(model: TankModel, level_cm: Quad, pump_V: Pair) -> Quad:
     q1, q2 = k1 * pump_V[0], k2 * pump_V[1]
     out1, out2, out3, out4 = outflows(model, level_cm, pump_V)
     return (
-        (out3 - out1 + g1 * q1) / A1,
-        (out4 - out2 + g2 * q2) / A2,
+        (model.arriving[0] * out3 - out1 + g1 * q1) / A1,
+        (model.arriving[1] * out4 - out2 + g2 * q2) / A2,
         ((1.0 - g2) * q2 - out3) / A3,
         ((1.0 - g1) * q1 - out4) / A4,
     )
@@ -165,8 +168,8 @@ def water_balance(model: TankModel, before_cm: Quad, level_cm: Quad, pump_V: Pai
 
 def through_flow_matrix(model: TankModel) -> Array:
     """(4, 2) M with a_i sqrt(2 g (h_i + d_i)) = M v at rest: lower tanks pass on what the upper ones let through."""
-    inflow = pump_matrix(model)
-    return np.array([inflow[0] + inflow[2], inflow[1] + inflow[3], inflow[2], inflow[3]])
+    inflow, (part3, part4) = pump_matrix(model), model.arriving
+    return np.array([inflow[0] + part3 * inflow[2], inflow[1] + part4 * inflow[3], inflow[2], inflow[3]])
 
 
 def equilibrium(model: TankModel, pump_V: Pair) -> Quad:
@@ -194,11 +197,13 @@ def holding_voltages(model: TankModel, lower_cm: Pair) -> Pair:
     s = sqrt(2.0 * model.gravity_cm_s2)
     d1, d2 = model.datum_cm[:2]
     f1, f2 = model.outlet_cm2[0] * s * sqrt(h1 + d1), model.outlet_cm2[1] * s * sqrt(h2 + d2)
-    (k1, k2), (g1, g2) = model.pump_gain_cm3_Vs, model.valve_split
+    (k1, k2), (g1, g2), (part3, part4) = model.pump_gain_cm3_Vs, model.valve_split, model.arriving
     split = g1 + g2 - 1.0
+    if model.arriving != (1.0, 1.0):
+        split = g1 * g2 - part3 * part4 * (1.0 - g1) * (1.0 - g2)
     if abs(split) < 1e-9:
         raise ValueError(f"valve splits {model.valve_split} add up to 1: the lower levels can't be set apart")
-    return (g2 * f1 - (1.0 - g2) * f2) / (k1 * split), (g1 * f2 - (1.0 - g1) * f1) / (k2 * split)
+    return (g2 * f1 - part3 * (1.0 - g2) * f2) / (k1 * split), (g1 * f2 - part4 * (1.0 - g1) * f1) / (k2 * split)
 
 
 def linearise(model: TankModel, level_cm: Quad) -> LinearModel:
@@ -209,8 +214,8 @@ def linearise(model: TankModel, level_cm: Quad) -> LinearModel:
     heads_cm = np.array(level_cm) + np.array(model.datum_cm)
     decay = np.array(model.outlet_cm2) / area * np.sqrt(model.gravity_cm_s2 / (2.0 * heads_cm))
     A = np.diag(-decay)
-    A[0, 2] = area[2] / area[0] * decay[2]
-    A[1, 3] = area[3] / area[1] * decay[3]
+    A[0, 2] = area[2] / area[0] * decay[2] * model.arriving[0]
+    A[1, 3] = area[3] / area[1] * decay[3] * model.arriving[1]
     C = np.zeros((2, 4))
     C[0, 0] = C[1, 1] = model.level_gain_V_cm
     return LinearModel(A, pump_matrix(model) / area[:, None], C)

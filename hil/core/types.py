@@ -265,6 +265,20 @@ class OpenQuestion:
 
 
 @dataclass(frozen=True, slots=True)
+class Waterways:
+    """Where the water goes, as the diagnosis has identified it: faults and the rig's own differences from its file.
+
+    outlet : (4,) cross-section of each outlet over the file's. leak : (2,) leak of tanks 3 and 4, over the outlet of
+    the file. gain : (2,) gain of each healthy pump over the file's. split : (2,) splits of the valves.
+    """
+
+    outlet: Quad
+    leak: Pair
+    gain: Pair
+    split: Pair
+
+
+@dataclass(frozen=True, slots=True)
 class Diagnosis:
     """The current result of the diagnosis.
 
@@ -280,6 +294,7 @@ class Diagnosis:
     proven_V : (4,) by how much sensors that are not trusted read too high for certain, because a movement of the pumps
     has told their drift from a change of the level. All that they have read more since then may be the level.
     valve_split : (2,) splits of the valves if one has shifted; None if they are the rig file's.
+    waterways : once a leak or a blocked outlet is declared; None otherwise.
     level_walk_cm_sqrt_s : (4,) standard deviation of the levels' random walk after a second, cm, as learned; NaN where
     nothing is learned.
     open_question : what a movement of the pumps would answer; None if nothing.
@@ -296,6 +311,7 @@ class Diagnosis:
     refuted: tuple[bool, bool, bool, bool] = (False, False, False, False)
     proven_V: Quad = (0.0, 0.0, 0.0, 0.0)
     valve_split: Pair | None = None
+    waterways: Waterways | None = None
     level_walk_cm_sqrt_s: Quad = (nan, nan, nan, nan)
     open_question: OpenQuestion | None = None
 

@@ -15,7 +15,16 @@ from typing import Any
 
 import numpy as np
 
-from hil.core.diagnosis.glr import ambiguity, declaration, drift_review, isolation, kernels, sensor_monitor, stuck_check
+from hil.core.diagnosis.glr import (
+    ambiguity,
+    declaration,
+    drift_review,
+    identified,
+    isolation,
+    kernels,
+    sensor_monitor,
+    stuck_check,
+)
 from hil.core.diagnosis.glr.filter import DOUBT, PERIOD
 from hil.core.diagnosis.glr.hypotheses import PUMPS
 from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
@@ -202,6 +211,7 @@ class GlrDetector:
             refuted=(refuted[0], refuted[1], refuted[2], refuted[3]),
             proven_V=(p1, p2, p3, p4),
             valve_split=declaration.valve_split(self.config, m),
+            waterways=identified.waterways(self.config, m),
             level_walk_cm_sqrt_s=(w1, w2, w3, w4),
             open_question=ambiguity.open_question(self.config, m),
         )
