@@ -187,10 +187,8 @@ def _will_overflow(limits: Limits, s: Situation) -> bool:
     if max(s.level_cm) > limits.level_max_cm:
         return True
     peaks_cm = peak_levels(limits.model, limits.lag_s, s.level_cm, s.pump_V, s.open_share)
-    return any(
-        peak_cm > height_cm - limits.rim_margin_cm
-        for peak_cm, height_cm in zip(peaks_cm, limits.model.height_cm, strict=True)
-    )
+    heights_cm = limits.model.height_cm
+    return any(peaks_cm[tank] > heights_cm[tank] - limits.rim_margin_cm for tank in range(4))
 
 
 def _describe_levels(s: Situation) -> str:

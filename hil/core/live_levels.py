@@ -87,8 +87,10 @@ def fastest_changes(model: TankModel, max_V: Pair) -> tuple[Quad, Quad]:
     Rise: the outlet shut, all water of a pump at max_V and the outflow of a full tank above. Fall: no inflow, full.
     """
     A1, A2, A3, A4 = model.area_cm2
-    full = zip(model.outlet_cm2, model.height_cm, model.datum_cm, strict=True)
-    out1, out2, out3, out4 = (a * sqrt(2.0 * model.gravity_cm_s2 * (h + d)) for a, h, d in full)
+    out1, out2, out3, out4 = (
+        a * sqrt(2.0 * model.gravity_cm_s2 * (model.height_cm[i] + model.datum_cm[i]))
+        for i, a in enumerate(model.outlet_cm2)
+    )
     q1, q2 = model.pump_gain_cm3_Vs[0] * max_V[0], model.pump_gain_cm3_Vs[1] * max_V[1]
     m = RATE_MARGIN
     rises = (m * (q1 + out3) / A1, m * (q2 + out4) / A2, m * q2 / A3, m * q1 / A4)

@@ -31,7 +31,7 @@ EMPTY_NOISES = 3.0
 """A level signal below so many times the noise counts as empty."""
 
 LOW_SHARE = 0.05
-"""A level signal below this share of what the range shows may be that of an empty tank."""
+"""A level signal below this share of the largest one that range and height allow may be that of an empty tank."""
 STANDS_STILL = 0.3
 """A reading that falls by less than this share of what water would do is not that of water."""
 FALL_STDS = 6.0
@@ -43,7 +43,7 @@ class Channel:
     """One sensor as the rig file has it, and what was heard of it.
 
     readings_V : as sent. signals_V : as level signals. noise_V : of a reading. factor : level signal per reading.
-    lowest_V, highest_V : the smallest and the largest level signal within its range.
+    lowest_V, highest_V : the smallest and the largest level signal within its range, and the rim.
     """
 
     tank: int
@@ -70,7 +70,7 @@ class Channel:
         return fmean(self.signals_V) < self.lowest_V + EMPTY_NOISES * self.signal_noise
 
 
-def channel_of(tank: int, readings_V: list[float], sensors: Sensors, noise_V: Quad) -> Channel:
+def channel_of(tank: int, readings_V: list[float], sensors: Sensors, noise_V: Quad, model: TankModel) -> Channel:
     """The channel of a tank (1 to 4) with these readings."""
     ends_V = [sensors.signals((end, end, end, end))[tank - 1] for end in sensors.range_V]
     return Channel(
@@ -80,7 +80,7 @@ def channel_of(tank: int, readings_V: list[float], sensors: Sensors, noise_V: Qu
         noise_V=noise_V[tank - 1],
         factor=sensors.factor[tank - 1],
         lowest_V=sensors.lowest_signals[tank - 1],
-        highest_V=max(ends_V),
+        highest_V=min(max(ends_V), sensors.signal_gain * model.height_cm[tank - 1]),
     )
 
 
@@ -93,7 +93,7 @@ def check_sensors(observation: Observation, sensors: Sensors, noise_V: Quad, mod
             arrivals = observation.of(name)
             readings_V = [arrival.values[f"Level{tank}"] for arrival in arrivals]
             statuses = [int(arrival.values[f"Status{tank}"]) for arrival in arrivals]
-            channel = channel_of(tank, readings_V, sensors, noise_V)
+            channel = channel_of(tank, readings_V, sensors, noise_V, model)
             results += [
                 check_zero(channel, falls_V[tank - 1]) or check_range(tank, readings_V, statuses, sensors.range_V),
                 check_noise(channel),
@@ -156,9 +156,7 @@ def check_zero(channel: Channel, fall_V: float) -> Result | None:
         return None
     still = "it does not fall: water would" if channel.factor > 0.0 else "it does not rise: with water it would"
     found = f"{fmean(channel.readings_V):.3f} V, and {still}, by {fall_V / abs(channel.factor):.3f} V"
-    advice = "if the tank is empty, adjust the sensor's zero{}; otherwise its outlet is blocked".format(
-        "" if channel.factor == 1.0 else " or sensors.offset_V"
-    )
+    advice = "if the tank is empty, adjust the sensor's zero, or sensors.offset_V; otherwise its outlet is blocked"
     return warned(f"sensor {channel.tank} range", found, advice)
 
 

@@ -72,13 +72,13 @@ BAD_SCENARIOS = {
     ),
     "reference above the range in V": (
         "[[reference]]\nat_s = 1.0\nlevels_V = [11.0, 3.0]",
-        "reference[0].levels_V[0] = 11.0",
-        "10",
+        "reference[0]: leads to 11, 3 V",
+        "outside 0..9.5 V",
     ),
     "reference over the rim in cm": (
         "[[reference]]\nat_s = 1.0\nlevels_cm = [12.0, 25.0]",
-        "reference[0].levels_cm[1] = 25.0",
-        "20",
+        "reference[0]: leads to 6, 12.5 V",
+        "outside 0..9.5 V",
     ),
     "references that add up over the rim": (
         "[[reference]]\nat_s = 1.0\nchange_V = [3.0, 0.0]\n[[reference]]\nat_s = 2.0\nchange_V = [3.0, 0.0]",

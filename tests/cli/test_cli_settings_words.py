@@ -240,7 +240,7 @@ def test_a_file_of_another_kind_is_named_as_that(file: str, command_line: Comman
         assert_refused(command_line("hil", "simulate", path), said, "not a scenario; ")
         assert_refused(command_line("firmware-sim", "--pty", "--scenario", path), said, "not a scenario")
     if FILES_OF[file] in ("a rig file", "an emulator file"):
-        assert_refused(command_line("hil", "campaign", path), said, "not a campaign; it is used as ")
+        assert_refused(command_line("hil", "campaign", path), said, "not a campaign; it is used ")
     config = config_copy(tmp_path / "config")
     for name in {"rig.toml", "emulator.toml"} - {file}:
         (config / name).write_bytes(path.read_bytes())

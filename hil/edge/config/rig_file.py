@@ -281,7 +281,7 @@ class Rig(Section):
         if not all(0.0 < level_cm < highest_cm for level_cm in levels_cm):
             shown = ", ".join(f"{level_cm:.4g}" for level_cm in levels_cm)
             empty = ", ".join(f"{tank}" for tank, level_cm in enumerate(levels_cm, 1) if level_cm <= 0.0)
-            why = f"; so little flow leaves through the outlet of an empty tank {empty}" if empty else ""
+            why = f"; so little flow leaves through the low outlet of tank {empty}, which is empty" if empty else ""
             raise ValueError(
                 f"control.operating_point_V {list(self.control.operating_point_V)} holds levels of {shown} cm, "
                 f"want all of them within 0..{highest_cm:g} cm (safety.level_max_cm){why}"
