@@ -71,19 +71,22 @@ def test_case_31_sensor_stuck_while_levels_still_move(seed: int, at_s: float, se
 def test_case_32_sensor_drifts(sensor: int, rate_V_s: float) -> None:
     """A drift is found before what is believed of the level is 2 cm off.
 
-    A lower sensor that comes to read a full tank trips the run, since a clogged outlet would read the same.
+    A lower sensor that comes to read a full tank trips the run, since a clogged outlet would read the same; not if a
+    movement of the pumps has proven that it drifts. A slow drift of a lower sensor is named after a movement.
     """
-    run = play(watched(fault("sensor_drift", AT_S, sensor, rate_V_s), duration_s=60.0))
+    duration_s = 60.0 if abs(rate_V_s) > 0.02 else 130.0
+    run = play(watched(fault("sensor_drift", AT_S, sensor, rate_V_s), duration_s=duration_s))
     reads_cm = [
         truth.levels_cm[sensor - 1] + rate_V_s * max(tick.t_s - AT_S, 0.0) / GAIN_V_CM
         for tick, truth in zip(run.ticks, run.keeper.truths, strict=True)
     ]
     if max(reads_cm) < LEVEL_MAX_CM - 0.2:
         assert_no_trip(run)
-    else:
+    elif run.trips:
         assert [cause for _, cause in run.trips] == ["high_level"], run.told
         assert f"sensor {sensor}, which diagnosis does not trust, may be right" in run.told[-1]
-        assert reads_cm[-1] == pytest.approx(LEVEL_MAX_CM, abs=0.2), "not before"
+        assert reads_cm[-1] > LEVEL_MAX_CM - 0.2, "not before"
+    assert max(max(truth.levels_cm) for truth in run.keeper.truths) < LEVEL_MAX_CM - 1.0
     found = run.finding(f"sensor_drift {sensor}", f"sensor_bias {sensor}")
     assert found.isolated_s is not None
     assert abs(rate_V_s) * (found.isolated_s - AT_S) / GAIN_V_CM < 2.0, run.told

@@ -16,7 +16,7 @@ from hil.core.diagnosis.glr.model import BIAS, DRIFT, LEVEL, OUTLET, N
 from hil.core.diagnosis.glr.tuning import Tuning
 from hil.core.types import OpenQuestion
 
-CONFIG: Any = SimpleNamespace(tuning=Tuning())
+CONFIG: Any = SimpleNamespace(tuning=Tuning(), model=SimpleNamespace(level_gain_V_cm=0.5))
 
 
 def memory(**fields: Any) -> Any:
@@ -61,6 +61,7 @@ def test_no_question_about_other_faults(open_alarm: Any) -> None:
 
 def rival(lead: float = 30.0, moved_lead: float = 0.0, sensor: int = 0) -> Any:
     own_x, own_P = np.zeros(N), np.zeros((N, N))
+    own_x[LEVEL + sensor] = 2.0
     own_x[BIAS + sensor], own_P[BIAS + sensor, BIAS + sensor] = 0.5, 0.02**2
     number = outlet_of(sensor + 1) if sensor < 2 else 0
     return SimpleNamespace(
@@ -78,7 +79,7 @@ def rival(lead: float = 30.0, moved_lead: float = 0.0, sensor: int = 0) -> Any:
 
 def test_a_declared_drift_is_asked_about_until_a_movement_has_spoken_for_it() -> None:
     asked = ambiguity.open_question(CONFIG, memory(rival=rival()))
-    assert asked == OpenQuestion(alarm=7, tank=1, apart_cm=0.25)
+    assert asked == OpenQuestion(alarm=7, tank=1, apart_cm=1.75)
     assert ambiguity.open_question(CONFIG, memory(rival=rival(moved_lead=20.0))) is None
     assert ambiguity.open_question(CONFIG, memory(rival=rival(sensor=2))) is None
 
@@ -93,8 +94,8 @@ def proven(moved_V: float, gain: float = 25.0, **more: Any) -> float:
 
 def test_only_a_movement_proves_what_a_sensor_reads_too_high() -> None:
     """At rest a lead is luck, or the shape of the growth; the interlocks keep the sensor's veto then."""
-    assert proven(0.3) == pytest.approx(0.5 - 3.0 * 0.02)
-    assert proven(-0.3) == pytest.approx(0.44)
+    assert proven(0.3) == pytest.approx(0.5 - 3.0 * 0.02 - 0.1 * 0.5 * 2.0)
+    assert proven(-0.3) == pytest.approx(0.34)
     assert proven(0.1) == 0.0
     assert proven(0.3, gain=19.0) == 0.0
     assert proven(0.3, lead=19.0) == 0.0

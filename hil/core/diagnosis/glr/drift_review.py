@@ -17,11 +17,12 @@ from hil.core.diagnosis.glr.ambiguity import MEAN_S, MOVED_V
 from hil.core.diagnosis.glr.filter import PERIOD, READING, VOLTAGE
 from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, outlet_of
 from hil.core.diagnosis.glr.memory import DetectorConfig, Lost, Memory, Rival, Suspicion
-from hil.core.diagnosis.glr.model import BIAS, DRIFT, OUTLET
+from hil.core.diagnosis.glr.model import BIAS, DRIFT, LEVEL, OUTLET
 from hil.core.types import Alarm, Measurement
 
-PROVEN_STDS = 3.0
-"""The sensor certainly reads too high by its bias less so many standard deviations."""
+PROVEN_STDS, MODEL_SHARE = 3.0, 0.1
+"""The sensor certainly reads too high by its bias less so many standard deviations and this share of the level: the
+level that a time constant tells is as good as the rig file's areas and pump gains."""
 
 
 def rival_of(
@@ -95,7 +96,9 @@ def _prove(config: DetectorConfig, m: Memory, rival: Rival, lost: Lost, gain: fl
     if rival.number != outlet_of(rival.sensor + 1) or min(rival.lead, rival.moved_lead) < config.tuning.detect:
         return
     state = BIAS + rival.sensor
-    proven_V = float(rival.own_x[state]) - PROVEN_STDS * sqrt(max(float(rival.own_P[state, state]), 0.0))
+    in_doubt_V = PROVEN_STDS * sqrt(max(float(rival.own_P[state, state]), 0.0))
+    in_doubt_V += MODEL_SHARE * config.model.level_gain_V_cm * max(float(rival.own_x[LEVEL + rival.sensor]), 0.0)
+    proven_V = float(rival.own_x[state]) - in_doubt_V
     m.lost[rival.sensor] = lost._replace(proven_V=max(lost.proven_V, proven_V))
 
 
