@@ -95,8 +95,8 @@ class LoopState:
 
     @property
     def is_starting(self) -> bool:
-        """Whether the last step was in a start phase."""
-        return self.t_s < -TIME_TOLERANCE_S
+        """Whether the last step was in a start phase, which ends with the step nearest to time 0."""
+        return self.start is not None and self.t_s < -0.5 * self.start.period_s
 
     @property
     def problem(self) -> str:

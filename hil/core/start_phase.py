@@ -67,11 +67,15 @@ class StartConfig:
 
 @dataclass(frozen=True, slots=True)
 class StartPhase:
-    """A start phase that has begun. from_V : (2,) outputs found. ramp_s : time of the ramp. length_s : of the phase."""
+    """A start phase that has begun.
+
+    from_V : (2,) outputs found. ramp_s : time of the ramp. length_s : of the phase. period_s : of the control.
+    """
 
     from_V: Pair
     ramp_s: float
     length_s: float
+    period_s: float
 
     @property
     def length_ns(self) -> int:
@@ -120,7 +124,7 @@ def plan(
         return None
     ramp_s = ramp_time_s(config, model, found_cm, wanted_cm)
     periods = ceil((ramp_s + config.settle_s) / period_s - PERIOD_TOLERANCE)
-    return StartPhase((k * found_cm[0], k * found_cm[1]), ramp_s, periods * period_s)
+    return StartPhase((k * found_cm[0], k * found_cm[1]), ramp_s, periods * period_s, period_s)
 
 
 def ramp_time_s(config: StartConfig, model: TankModel, found_cm: Pair, wanted_cm: Pair) -> float:

@@ -41,10 +41,11 @@ class Kpi:
     """The figures as `kpi.json` has them; None where the run was too short or the value is not known.
 
     iae_Vs : window -> outputs 1, 2, of the reference asked for against the level. iae_covered_s : how much of the
-    window the record covers. ticks : steps in control, arming and ramp left out. commands : how many were sent, how
-    many of them the pump node did not accept, how many frames were lost. lateness_s : quantiles of how late the steps
-    began. latency_s : quantiles of the time from the arrival of the newest frame that a step could use to the sending
-    of its command. recorder_queue_max : most entries that waited for the recorder.
+    window the record covers. ticks : steps in control, arming and ramp left out. duration_s : from time 0 on, without
+    the start_phase_s before it. commands : how many were sent, how many of them the pump node did not accept, how many
+    frames were lost. lateness_s : quantiles of how late the steps began. latency_s : quantiles of the time from the
+    arrival of the newest frame that a step could use to the sending of its command. recorder_queue_max : most entries
+    that waited for the recorder.
 
     alarms : one entry for each reported fault, see `hil.review.alarms.Finding`. false_alarms : those before the first
     fault, spurious_alarms : later ones that report no fault of the scenario; None where its faults are not known.
@@ -72,6 +73,7 @@ class Kpi:
     trips: tuple[dict[str, Any], ...]
     ticks: int
     duration_s: float
+    start_phase_s: float
     skipped: int
     rejected: int
     commands: dict[str, Any]
@@ -97,6 +99,7 @@ def evaluate(manifest: Manifest, ticks: Ticks, events: Sequence[LoggedEvent], sp
     """The figures of a record."""
     plan = manifest.plan
     gain_V_cm = level_gain(plan.settings)
+    first_s = float(ticks["t_s"][0]) if len(ticks) else 0.0
     level_V = output_levels(ticks, gain_V_cm)
     integrals = {window.name: _window_iae(ticks, level_V, window, plan.period_s) for window in plan.windows}
     faults = known_faults(plan)
@@ -126,7 +129,8 @@ def evaluate(manifest: Manifest, ticks: Ticks, events: Sequence[LoggedEvent], sp
             if event.code == "trip"
         ),
         ticks=int(np.isin(ticks["mode"], CONTROLLING).sum()),
-        duration_s=_last(ticks["t_s"]) - (float(ticks["t_s"][0]) if len(ticks) else 0.0),
+        duration_s=max(_last(ticks["t_s"]) - max(first_s, 0.0), 0.0),
+        start_phase_s=max(-first_s, 0.0),
         skipped=int(_last(ticks["skipped"])),
         rejected=int(_last(ticks["rejected"])),
         commands=next((dict(event.data) for event in events if event.code == "end"), {}),

@@ -74,7 +74,7 @@ def test_outputs_to_aim_at_move_together_and_then_stay() -> None:
 
 def test_the_first_step_may_be_early_by_rounding() -> None:
     """From empty tanks the first target lay below 0 cm by 1e-12, and the run ended with a math domain error."""
-    phase = StartPhase((0.0, 0.0), 100.0, 160.0)
+    phase = StartPhase((0.0, 0.0), 100.0, 160.0, 0.1)
     assert phase.toward(-160.0 - 1e-9, REST_V) == (0.0, 0.0)
 
 
@@ -148,3 +148,13 @@ def test_levels_that_still_move_ask_for_more_time() -> None:
     assert "start.settle_s" in text
     assert start_phase.problem(phase, START, quad((REST[0] + 0.49, *REST[1:])), REST[:2], (10.0, 10.0)) == ""
     assert start_phase.problem(phase, START, (math.nan, *REST[1:]), REST[:2], (3.0, 3.0)) != ""
+
+
+def test_the_step_nearest_to_time_zero_ends_the_phase() -> None:
+    """In real time a step may come 2 ms early; the emulator then started its scenario a control period late."""
+    config, tanks = controller(SHORT), Plant(start_V=(0.0, 0.0))
+    steps = 3 + round(not_none(plan(SHORT, BENCH, EMPTY, REST_V, 0.1)).length_s / 0.1)
+    late = {1: 2_000_000}  # the first step in control comes late, so that all others are early
+    _, records = run(config, tanks, steps, late_ns=late)
+    ended = [record.t_s for record in records for event in record.events if event.data.get("phase") == "end"]
+    assert ended == [pytest.approx(-0.002, abs=1e-6)]

@@ -377,6 +377,15 @@ def test_a_law_that_can_not_be_stable_stops_the_run_and_says_why() -> None:
     assert after(HEALTHY, believing(Diagnosis()))[0].mode is Mode.RUNNING
 
 
+def test_a_start_phase_that_has_failed_stops_the_run_and_says_why() -> None:
+    why = "after 188 s level 1 is 9.00 cm, want 12.26 cm"
+    state, events = after(HEALTHY, believing(Diagnosis(), start_problem=why))
+    assert state.mode is Mode.STOPPING
+    assert state.stopped_by == "start_failed"
+    assert events[0].text == f"stopping: the start phase did not reach the first reference: {why}"
+    assert after(HEALTHY, believing(Diagnosis(), start_problem=""))[0].mode is Mode.RUNNING
+
+
 @pytest.mark.parametrize("sensor", range(4))
 def test_a_lost_lower_level_stops_the_run_if_so_configured(sensor: int) -> None:
     stops = replace(LIMITS, stops_on_lost_lower_level=True)
