@@ -71,6 +71,21 @@ def test_report_shows_the_process_noise_that_was_learned(tmp_path: Path, page: s
     assert "0.00063, 0.01, 0.002, 0.018 cm/√s" in text
 
 
+def test_report_counts_the_probes(tmp_path: Path, page: str) -> None:
+    assert "probes" not in page, "none was made"
+    folder = RunFolder.create(tmp_path / "run", toy.plan())
+    recorder = Recorder.open(folder)
+    states = ("wait", "begin", "end")
+    events = tuple(Event(Severity.INFO, "probe", f"probe: {state}", {"state": state}) for state in states)
+    recorder.tick(replace(next(toy.steps())[0], events=events, probe_V=(0.3, -0.3)))
+    recorder.close("complete", "")
+    text = write_report(folder).read_text(encoding="utf-8")
+    assert "<b>1</b><span>probes: movements of the pumps that tell faults apart</span>" in text
+    assert "probe: begin" in text
+    ticks, _ = read(folder)
+    assert (ticks["probe1_V"][0], ticks["probe2_V"][0]) == (0.3, -0.3)
+
+
 def test_report_escapes_what_comes_from_outside(tmp_path: Path, page: str) -> None:
     assert "control on &lt;now&gt; &amp; steady" in page
     assert "gain_V_cm = 0.5 # &lt;b&gt;&amp;" in page
