@@ -28,18 +28,31 @@ def _vector(values: st.SearchStrategy[float], count: int) -> st.SearchStrategy[l
     return st.lists(values, min_size=count, max_size=count)
 
 
+def _one_or(count: int, values: st.SearchStrategy[float]) -> st.SearchStrategy[object]:
+    return st.one_of(values, _vector(values, count))
+
+
 KEYS: dict[str, st.SearchStrategy[object]] = {
     "tanks.area_cm2": _vector(NUMBER, 4),
     "tanks.outlet_cm2": _vector(NUMBER, 4),
-    "tanks.height_cm": NUMBER,
+    "tanks.height_cm": _one_or(4, NUMBER),
+    "tanks.datum_cm": _one_or(4, st.one_of(NUMBER, st.floats(min_value=0.0, max_value=2.0))),
     "tanks.gravity_cm_s2": NUMBER,
     "pumps.gain_cm3_Vs": _vector(NUMBER, 2),
     "pumps.valve_split": _vector(SHARE, 2),
-    "pumps.lag_s": NUMBER,
+    "pumps.lag_s": _one_or(2, NUMBER),
+    "pumps.dead_zone_V": _one_or(2, VOLT),
+    "pumps.curve_1_V": _one_or(2, st.one_of(NUMBER, st.floats(min_value=-0.06, max_value=0.3))),
+    "pumps.delay_s": _one_or(2, VOLT),
     "pumps.range_V": _vector(VOLT, 2),
     "pumps.rate_V_s": NUMBER,
-    "sensors.gain_V_cm": NUMBER,
-    "sensors.noise_V": NUMBER,
+    "sensors.gain_V_cm": _one_or(4, st.one_of(NUMBER, st.floats(min_value=-0.5, max_value=0.5))),
+    "sensors.offset_V": _one_or(4, st.one_of(NUMBER, VOLT)),
+    "sensors.noise_V": _one_or(4, NUMBER),
+    "uncertainty.pump_gain": _one_or(2, SHARE),
+    "uncertainty.valve_split": _one_or(2, SHARE),
+    "uncertainty.outlet": _one_or(4, SHARE),
+    "uncertainty.lag": _one_or(2, VOLT),
     "sensors.range_V": _vector(NUMBER, 2),
     "control.period_s": st.one_of(NUMBER, st.floats(min_value=0.001, max_value=0.2)),
     "control.operating_point_V": _vector(VOLT, 2),
