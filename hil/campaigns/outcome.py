@@ -64,7 +64,7 @@ def evaluate(
     planned = injected(case.faults)
     faults = tuple(fault for fault in planned if fault.at_s < run_s)  # a run may end, by a trip, before its fault
     process = [fault for fault in faults if fault.is_of_the_process]
-    reported = merged(event.data for _, event in seen.events if event.code == "alarm")
+    reported = _reported(case, seen, min([fault.at_s for fault in process], default=math.inf))
     findings = tuple(finding for finding in reported if not _is_honest(case, finding, faults))
     verdict = judge(faults, findings)
     healthy_s = min([fault.at_s for fault in process] + [run_s])
@@ -117,6 +117,24 @@ def _about(case: Case, faults: Sequence[Injected]) -> dict[str, Any]:
         "value": values.pop() if len(values) == 1 else None,
         "onset_s": faults[0].at_s if faults else None,
     }
+
+
+def _reported(case: Case, seen: Observations, onset_s: float) -> tuple[Finding, ...]:
+    """The findings of a run; onset_s : of the first fault of the process.
+
+    On a drawn rig that the controller does not know an alarm may be open before the fault, and tell of the fault under
+    its number. So what is reported from the onset on is a finding of its own there.
+    """
+    alarms = [(t_s, event.data) for t_s, event in seen.events if event.code == "alarm"]
+    if "flow_ratio" not in case.drawn:
+        return merged(data for _, data in alarms)
+    after: list[dict[str, Any]] = []
+    for t_s, data in alarms:
+        if t_s >= onset_s:
+            known = {name: data.get(name) for name in ("detected_s", "isolated_s")}
+            earlier = {name: t_s for name, at_s in known.items() if isinstance(at_s, float) and at_s < onset_s}
+            after.append({**data, **earlier})
+    return (*merged(data for t_s, data in alarms if t_s < onset_s), *merged(after))
 
 
 def _is_honest(case: Case, finding: Finding, faults: Sequence[Injected]) -> bool:

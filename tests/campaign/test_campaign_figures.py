@@ -74,6 +74,24 @@ def at(step: int, value: float, otherwise: float, steps: int = 100) -> np.ndarra
     return values
 
 
+def test_a_fault_under_the_number_of_an_honest_alarm_is_found() -> None:
+    """On a drawn rig a weak pump has an open alarm when it fails; the update of that alarm used to count as nothing."""
+    alarms = [
+        Alarm(1.0, "pump_effectiveness", 1, 0.76, isolated_s=1.0, number=1),
+        Alarm(1.0, "pump_effectiveness", 1, 0.30, isolated_s=1.0, number=1),
+    ]
+    events = tuple(
+        (t_s, Event(Severity.WARNING, "alarm", "", asdict(one))) for t_s, one in zip((1.0, 4.5), alarms, strict=True)
+    )
+    fault = {"kind": "pump_effectiveness", "target": 1, "value": 0.4, "at_s": 4.0}
+    case = Case("k", "l", "s", 1, {"fault": [fault]}, drawn={"flow_ratio": [[0.7, 0.8], [1.0, 1.0]]})
+    one = judged(replace(seen(), events=events), case=case)
+    assert (one.right, one.false_alarms, one.honest_alarms) == (True, 0, 1)
+    assert (one.detection_s, one.isolation_s) == (0.5, 0.5)
+    known = judged(replace(seen(), events=events), case=replace(case, drawn={}))
+    assert (known.right, known.false_alarms) == (False, 1), "on a rig that is known the first alarm is false"
+
+
 def test_a_healthy_run_breaks_nothing() -> None:
     one = judged(seen())
     assert (one.breaks, one.broken, one.level_max_cm) == ((), "", 10.0)
