@@ -64,7 +64,7 @@ class Recorder(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a run ended, at which run time, and what became of its commands."""
+    """How a run ended, at which run time, and what became of its commands. begun_s : run time of the first step."""
 
     status: Status
     reason: str
@@ -72,6 +72,7 @@ class Outcome:
     commands_sent: int
     commands_lost: int
     frames_lost: int
+    begun_s: float = 0.0
 
 
 class ControlLoop:
@@ -109,6 +110,7 @@ class ControlLoop:
         self._waiting_since_ns: int | None = None
         self._ending_since_ns: int | None = None
         self._t_s = 0.0
+        self._begun_s: float | None = None
         self._noted: tuple[Event, ...] = ()
         self.outcome: Outcome | None = None
 
@@ -180,6 +182,7 @@ class ControlLoop:
     def _record(self, output: Output) -> None:
         if output.record is not None:
             self._t_s = output.record.t_s
+            self._begun_s = self._t_s if self._begun_s is None else self._begun_s
             self._recorder.tick(output.record, self._true_level_cm() if self._true_level_cm else None)
             return
         for event in output.events:
@@ -237,7 +240,9 @@ class ControlLoop:
             self._finish("failed", text)
 
     def _finish(self, status: Status, reason: str) -> None:
-        self.outcome = Outcome(status, reason, self._t_s, self._sender.sent, self._sender.lost, self._receiver.lost)
+        sender = self._sender
+        begun_s = self._begun_s or 0.0
+        self.outcome = Outcome(status, reason, self._t_s, sender.sent, sender.lost, self._receiver.lost, begun_s)
 
 
 def _unconfirmed(inputs: Inputs, status_age_max_s: float) -> str:

@@ -86,7 +86,7 @@ class RunRecord:
         if self._port.bus_errors:
             counts["bus_errors"] = dict(self._port.bus_errors)
         self.recorder.event(outcome.t_s, Event(severity, "end", f"{outcome.status}: {outcome.reason}", counts))
-        self.recorder.close(outcome.status, outcome.reason, speed_x=outcome.t_s / wall_s)
+        self.recorder.close(outcome.status, outcome.reason, speed_x=(outcome.t_s - outcome.begun_s) / wall_s)
 
 
 def figures_of(folder: RunFolder, recorder: FileRecorder | ProcessRecorder, outcome: Outcome) -> Kpi:

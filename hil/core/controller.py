@@ -18,6 +18,7 @@ from hil.core.inflow_watch import InflowWatch, watch_inflow
 from hil.core.interlocks import Belief, Limits
 from hil.core.live_levels import NONE, LiveLevels, live_levels_cm, watch_readings
 from hil.core.overshoot import Outlets, watch
+from hil.core.start_phase import Doubts
 from hil.core.supervisor import Supervision
 from hil.core.types import (
     Action,
@@ -53,7 +54,8 @@ class ControllerConfig:
 class Monitors:
     """States of the monitors that the interlocks use.
 
-    outlets : by the levels of the loop. live_outlets : by those of the live sensors that are not trusted.
+    outlets : by the levels of the loop. live_outlets : by those of the live sensors that are not trusted. doubts :
+    alarms that are not resolved.
     """
 
     outlets: Outlets = field(default_factory=Outlets)
@@ -61,6 +63,7 @@ class Monitors:
     live: LiveLevels = field(default_factory=LiveLevels)
     inflow: InflowWatch = field(default_factory=InflowWatch)
     dry: DryWatch = field(default_factory=DryWatch)
+    doubts: Doubts = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +104,9 @@ def step(
         monitors, belief = _observe(config, monitors, loop, inputs.measurement, now_ns)
         is_zero = state.loop is not None and state.loop.is_starting and not loop.is_starting
         if is_zero and state.supervision.mode.is_controlling:
-            belief = replace(belief, start_problem=_start_problem(config, loop, state.supervision.command_V))
+            belief = replace(
+                belief, start_problem=_start_problem(config, loop, monitors.doubts, state.supervision.command_V)
+            )
             loop_events += (start_phase.ends(belief.start_problem),)
         supervision, events = supervisor.next_mode(config.limits, state.supervision, inputs, now_ns, belief)
         if not loop.is_starting:
@@ -150,9 +155,9 @@ def _observe(
     if live_cm != NONE:
         levels_cm = _with_live(estimate.level_cm, live_cm)
         live_outlets = watch(model, monitors.live_outlets, levels_cm, effective_V, now_ns)
-    inflow = InflowWatch()  # levels that rise and pumps at low voltages say little about what holds them later
-    if not loop.is_starting:
-        inflow = watch_inflow(model, monitors.inflow, estimate.level_cm, effective_V, diagnosis, now_ns)
+    inflow = watch_inflow(
+        model, monitors.inflow, estimate.level_cm, effective_V, diagnosis, now_ns, is_starting=loop.is_starting
+    )
     dry = watch_dry(model, monitors.dry, estimate.level_cm, estimate.pump_V, diagnosis.trusted, now_ns)
     belief = Belief(
         diagnosis=diagnosis,
@@ -165,13 +170,18 @@ def _observe(
         possible_cm=inflow.possible_cm(model, estimate.level_cm, diagnosis),
         is_dry=dry.is_dry,
     )
-    return Monitors(outlets=outlets, live_outlets=live_outlets, live=live, inflow=inflow, dry=dry), belief
+    doubts = start_phase.open_doubts(monitors.doubts, diagnosis.new_alarms)
+    monitors = Monitors(outlets=outlets, live_outlets=live_outlets, live=live, inflow=inflow, dry=dry, doubts=doubts)
+    return monitors, belief
 
 
-def _start_problem(config: ControllerConfig, loop: LoopState, command_V: Pair) -> str:
+def _start_problem(config: ControllerConfig, loop: LoopState, doubts: Doubts, command_V: Pair) -> str:
     """Why the first reference was not reached by the end of the start phase; "" if it was."""
     if loop.start is None:
         return ""
+    hidden = start_phase.hidden_level(doubts)
+    if hidden:
+        return hidden
     k, (y1, y2) = config.limits.level_gain_V_cm, loop.law.target_V
     return start_phase.problem(loop.start, config.loop.start, loop.level_cm, (y1 / k, y2 / k), command_V)
 

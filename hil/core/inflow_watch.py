@@ -23,6 +23,9 @@ LEARN_S = 120.0
 SMOOTHING_S = 60.0
 """A fault that the diagnosis finds is found within this time."""
 
+START_LEARN_S, START_SMOOTHING_S = 30.0, 20.0
+"""The same in a start phase, where the level moves and much can be lost in two minutes."""
+
 MIN_RATIO = 1.1
 """A smaller increase is not judged: a rig is not linear."""
 
@@ -60,19 +63,33 @@ class InflowWatch:
 
 
 def watch_inflow(
-    model: TankModel, watch: InflowWatch, level_cm: Quad, effective_V: Pair, diagnosis: Diagnosis, now_ns: int
+    model: TankModel,
+    watch: InflowWatch,
+    level_cm: Quad,
+    effective_V: Pair,
+    diagnosis: Diagnosis,
+    now_ns: int,
+    *,
+    is_starting: bool = False,
 ) -> InflowWatch:
-    """Update from the balance since the last step. effective_V : (2,) what the pumps deliver, as nominal voltages."""
+    """Update from the balance since the last step.
+
+    effective_V : (2,) what the pumps deliver, as nominal voltages. is_starting : the run is in its start phase.
+    """
     period_s = (now_ns - watch.watched_ns) * 1e-9
-    is_explained = any(alarm.isolated_s is not None for alarm in diagnosis.new_alarms)
-    if watch.level_cm is None or period_s <= 0.0 or is_explained:
+    begins = any(alarm.isolated_s is not None for alarm in diagnosis.new_alarms)
+    learn_s, smoothing_s = LEARN_S, SMOOTHING_S
+    if is_starting:  # no name explains that a tank needs more water: a leak and a drift are easily mistaken here
+        begins = min(level_cm[0], level_cm[1]) < MIN_LEVEL_CM
+        learn_s, smoothing_s = START_LEARN_S, START_SMOOTHING_S
+    if watch.level_cm is None or period_s <= 0.0 or begins:
         return InflowWatch(level_cm=level_cm, watched_ns=now_ns)
     age_s = watch.age_s + period_s
-    weight = min(period_s / min(age_s, SMOOTHING_S), 1.0)
+    weight = min(period_s / min(age_s, smoothing_s), 1.0)
     low, high = RANGE
     now1, now2 = (min(max(now, low), high) for now in _ratios(model, watch.level_cm, level_cm, effective_V, period_s))
     ratio = (watch.ratio[0] + weight * (now1 - watch.ratio[0]), watch.ratio[1] + weight * (now2 - watch.ratio[1]))
-    learned = ratio if watch.learned == (0.0, 0.0) and age_s >= LEARN_S else watch.learned
+    learned = ratio if watch.learned == (0.0, 0.0) and age_s >= learn_s else watch.learned
     return InflowWatch(ratio=ratio, learned=learned, age_s=age_s, level_cm=level_cm, watched_ns=now_ns)
 
 

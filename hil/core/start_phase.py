@@ -20,7 +20,10 @@ import numpy as np
 
 from hil.core.state_feedback import ControlLaw
 from hil.core.tanks import TankModel, equilibrium, through_flow_matrix
-from hil.core.types import Event, Pair, Quad, Severity
+from hil.core.types import UNRESOLVED, Alarm, Event, Pair, Quad, Severity
+
+Doubts = tuple[tuple[int, tuple[str, ...]], ...]
+"""Alarms that are not resolved: number and candidates."""
 
 FAR_BELOW = 0.5
 """A lower level below this share of its first reference is far below it. A rig whose outlets and pumps are 10 % off its
@@ -34,6 +37,9 @@ DRIVE_SHARE = 0.9
 
 MAX_HALVINGS = 6
 """The rate is halved so often at the most to meet these limits."""
+
+HIDES_LEVEL = frozenset({"leak 1", "leak 2", "sensor_drift 1", "sensor_drift 2"})
+"""Explanations with which a lower tank is fuller than its sensor shows, or may be."""
 
 AT_LIMIT_V = 0.1
 PERIOD_TOLERANCE = 1e-9
@@ -161,6 +167,31 @@ def problem(phase: StartPhase, config: StartConfig, level_cm: Sequence[float], t
         else "if the levels still move, give it more time (start.settle_s)"
     )
     return f"after {phase.length_s:.0f} s {' and '.join(off)}; {reason}"
+
+
+def open_doubts(before: Doubts, alarms: Sequence[Alarm]) -> Doubts:
+    """The alarms that are not resolved after these."""
+    if not alarms:
+        return before
+    open_ = dict(before)
+    for alarm in alarms:
+        open_.pop(alarm.number, None)
+        if alarm.kind == UNRESOLVED and not alarm.is_recovery:
+            open_[alarm.number] = alarm.candidates
+    return tuple(open_.items())
+
+
+def hidden_level(doubts: Doubts) -> str:
+    """Why a lower tank may be fuller than its sensor shows at the end of the phase; "" if nothing open says so.
+
+    A sensor that drifts downwards while the tanks fill looks like a leak or a valve. The worst explanation counts.
+    """
+    for _, candidates in doubts:
+        if not HIDES_LEVEL.isdisjoint(candidates):
+            return (
+                f"it is not known what has failed: {' or '.join(candidates)}; a lower tank may be fuller than it shows"
+            )
+    return ""
 
 
 def begins(phase: StartPhase, reference_V: Pair) -> Event:

@@ -11,7 +11,7 @@ from hil.core.gain_design import choose_rig_design
 from hil.core.reconfiguration import Reconfiguration
 from hil.core.start_phase import FAR_BELOW, LEVEL_MARGIN_CM, StartConfig, StartPhase, When, plan
 from hil.core.tanks import equilibrium, linearise
-from hil.core.types import Mode, Pair, TickRecord
+from hil.core.types import UNRESOLVED, Alarm, Mode, Pair, TickRecord
 from tests.core.core_bench import BENCH, LIMITS, Plant, bench_loop, run
 from tests.narrowing import not_none, quad
 
@@ -158,3 +158,19 @@ def test_the_step_nearest_to_time_zero_ends_the_phase() -> None:
     _, records = run(config, tanks, steps, late_ns=late)
     ended = [record.t_s for record in records for event in record.events if event.data.get("phase") == "end"]
     assert ended == [pytest.approx(-0.002, abs=1e-6)]
+
+
+def test_an_open_question_about_a_lower_level_ends_the_phase_with_a_stop() -> None:
+    """A drift while the tanks filled looked like a valve or a leak, and the run began with 18 cm in tank 1."""
+
+    def alarm(number: int, kind: str, *candidates: str, is_recovery: bool = False) -> Alarm:
+        return Alarm(1.0, kind, 0, math.nan, candidates=candidates, number=number, is_recovery=is_recovery)
+
+    drift = alarm(1, UNRESOLVED, "valve_split 1", "leak 1", "sensor_drift 1")
+    doubts = start_phase.open_doubts((), [drift, alarm(2, UNRESOLVED, "pump_effectiveness 1")])
+    assert "valve_split 1 or leak 1 or sensor_drift 1" in start_phase.hidden_level(doubts)
+    assert start_phase.open_doubts(doubts, []) is doubts
+    for end in (alarm(1, "valve_split", "valve_split 1"), alarm(1, UNRESOLVED, "leak 1", is_recovery=True)):
+        later = start_phase.open_doubts(doubts, [end])
+        assert later == ((2, ("pump_effectiveness 1",)),)
+        assert start_phase.hidden_level(later) == ""

@@ -125,3 +125,22 @@ def test_one_step_counts_for_little_and_a_small_increase_for_nothing() -> None:
     watch = replace(before, ratio=(small, large))
     assert watch.possible_cm(BENCH, level, HEALTHY) == pytest.approx((-inf, 12.1), abs=1e-4)
     assert replace(watch, ratio=(0.5, 0.5)).possible_cm(BENCH, level, HEALTHY) == NOTHING
+
+
+def test_in_a_start_phase_it_learns_sooner_and_no_name_explains_a_change() -> None:
+    """A drift in the start phase was named a valve and a leak, learned, and the tank ran over after time 0."""
+    low = (0.9, 5.0, 1.0, 1.0)
+    watch = InflowWatch()
+    assert watch_inflow(BENCH, watch, low, (3.0, 3.0), HEALTHY, SECOND, is_starting=True).age_s == 0.0
+    level = equilibrium(BENCH, (3.0, 3.0))
+    watch = InflowWatch(level_cm=level, watched_ns=0)
+    for number in range(1, 31):
+        assert watch.learned == (0.0, 0.0)
+        watch = watch_inflow(BENCH, watch, level, (3.0, 3.0), NAMED, number * SECOND, is_starting=True)
+    assert watch.learned == pytest.approx((1.0, 1.0))
+    before = watch.ratio
+    shown = (0.7 * level[0], *level[1:])
+    watch = watch_inflow(
+        BENCH, InflowWatch(before, before, 60.0, shown, 0), shown, (3.0, 3.0), NAMED, SECOND, is_starting=True
+    )
+    assert watch.ratio[0] - before[0] == pytest.approx((0.7**-0.5 - 1.0) / 20.0)
