@@ -54,6 +54,31 @@ def test_a_fault_that_grows_is_one_alarm_whose_size_follows(
     assert all(not_none(b.isolated_s) > not_none(a.isolated_s) for a, b in pairwise(sized))
 
 
+@pytest.mark.parametrize(
+    ("name", "begin"),
+    [
+        ("outlet_block 3", lambda size: put("block", 2, size)),
+        pytest.param("pump_effectiveness 1", fading(0), marks=pytest.mark.long),
+        pytest.param("valve_split 1", lambda size: put("split", 0, 0.7 - size), marks=pytest.mark.long),
+    ],
+)
+def test_a_fault_that_grows_fast_is_updated_under_one_number(
+    name: str, begin: Callable[[float], Callable[[Plant], None]]
+) -> None:
+    """Found as one jump after the other, it made three to six alarms of one fault."""
+    log = play(93, AT_S + 15.0, growing(begin, 0.02, 0.2))
+    assert {f"{alarm.kind} {alarm.target}" for alarm in log.settled()} == {name}
+    assert {alarm.number for alarm in log.alarms} == {1}
+
+
+def test_a_fault_that_is_found_much_larger_later_is_a_new_alarm() -> None:
+    jumps = ((AT_S, put("effectiveness", 0, 0.8)), (AT_S + 25.0, put("effectiveness", 0, 0.4)))
+    log = play(94, AT_S + 30.0, jumps)
+    assert [(alarm.kind, alarm.number) for alarm in log.settled()] == [
+        ("pump_effectiveness", number) for number in (1, 2)
+    ]
+
+
 @pytest.mark.parametrize("seed", [90, pytest.param(91, marks=pytest.mark.long)])
 def test_a_pump_that_fades_while_its_voltage_rises_is_not_stuck(seed: int) -> None:
     """A reference step after the verdict: the flow stayed constant by chance, and the run tripped on a stuck pump."""

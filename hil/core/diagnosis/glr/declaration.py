@@ -24,6 +24,9 @@ IDLE_V = 0.5
 FOLLOW_S, FOLLOW_SIZE = 5.0, 0.02
 """A fault that grows is reported again after this time when its size has changed by this much."""
 
+AGAIN_S, SMALL_STEP = 20.0, 0.05
+"""A fault that is found larger again within this time, or by less than this, has grown: it is no new fault."""
+
 PROVEN_S, PROVEN_SHARE = 1.0, 0.1
 """A pump that has been driven for this time without an alarm works; with a smaller share of its gain it does not."""
 
@@ -51,7 +54,8 @@ def declare(config: DetectorConfig, m: Memory, j: int, before: Array, onset: int
     shown, unit = _shown(config, m, j, healthy)
     onset_s = m.time_of(onset)
     grows = growth.covers(m.growing, j)
-    number, detected_s = _number(config, m, known, suspicion, is_recovery=is_recovery, grows=grows)
+    goes_on = grows or (known is not None and (known.grows or _has_grown(config, m, known, total)))
+    number, detected_s = _number(m, known, suspicion, is_update=is_recovery or goes_on)
     if is_recovery:
         del m.declared[j]
         if jump.state >= LEAK:
@@ -95,13 +99,17 @@ def _is_over(known: Declared, total: float, near: float) -> bool:
     return abs(total) < near and abs(total) < STILL_THERE * abs(known.size)
 
 
-def _number(
-    config: DetectorConfig, m: Memory, known: Declared | None, suspicion: Suspicion, *, is_recovery: bool, grows: bool
-) -> tuple[int, float]:
+def _has_grown(config: DetectorConfig, m: Memory, known: Declared, total: float) -> bool:
+    """Whether a verdict on a known fault is more of the same: just declared, or found larger soon or by little."""
+    if m.t_s - known.declared_s < config.tuning.sharpen_s:
+        return True
+    is_soon = m.t_s - known.declared_s < AGAIN_S
+    return total * known.size > 0.0 and 0.0 < abs(total) - abs(known.size) < (inf if is_soon else SMALL_STEP)
+
+
+def _number(m: Memory, known: Declared | None, suspicion: Suspicion, *, is_update: bool) -> tuple[int, float]:
     """Number and time of the alarm: those of the fault that is over or updated, or else new ones."""
-    is_fresh = known is not None and m.t_s - known.declared_s < config.tuning.sharpen_s
-    is_update = known is not None and (is_fresh or grows or known.grows)
-    if known is not None and (is_recovery or is_update):
+    if known is not None and is_update:
         return known.number, known.detected_s
     number, taken = suspicion.number, {fault.number for fault in m.declared.values()}
     if number is None or number in taken:
