@@ -5,7 +5,7 @@ import pytest
 from hil.core.diagnosis.glr import identified
 from hil.core.diagnosis.glr.hypotheses import JUMPS
 from hil.core.diagnosis.glr.memory import Declared, Memory
-from hil.core.diagnosis.glr.model import GAIN, LEAK, OUTLET, SPLIT
+from hil.core.diagnosis.glr.model import GAIN, LEAK, OUTLET, SCALE, SPLIT
 from hil.core.types import Measurement
 from tests.glr.glr_bench import DETECTOR, MODEL
 
@@ -25,7 +25,7 @@ def test_waterways_are_those_of_the_filter_once_an_outlet_or_a_leak_is_declared(
     m = Memory.begin(DETECTOR.config, 0.0, READING, (3.0, 3.0))
     m.x[OUTLET : OUTLET + 4] = (0.6, 1.02, -0.01, 0.98)
     m.x[LEAK : LEAK + 2] = (0.2, -0.001)
-    m.x[GAIN : GAIN + 2] = (0.4, 1.03)
+    m.x[GAIN : GAIN + 2], m.x[SCALE : SCALE + 2] = (0.4, 1.03), (1.1, 1.0)
     m.x[SPLIT : SPLIT + 2] = (1.01, 2.0)
     assert identified.waterways(DETECTOR.config, m) is None
     m.declared[place("pump_effectiveness", 1)] = declared("pump_effectiveness", -0.57, 0.97)
@@ -36,6 +36,6 @@ def test_waterways_are_those_of_the_filter_once_an_outlet_or_a_leak_is_declared(
         assert ways is not None
         assert ways.outlet == (0.6, 1.02, 0.0, 0.98)
         assert ways.leak == (0.2, 0.0)
-        assert ways.gain == (0.97, 1.03)
+        assert ways.gain == pytest.approx((0.97 * 1.1, 1.03))
         assert ways.split == pytest.approx((1.01 * MODEL.valve_split[0], 1.0))
         del m.declared[place(kind, target)]

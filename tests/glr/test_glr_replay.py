@@ -6,7 +6,7 @@ import pytest
 from hil.core.diagnosis.glr.filter import PERIOD, READING, VARIANCE, VOLTAGE, WEIGHT
 from hil.core.diagnosis.glr.growth import NO_GROWTH
 from hil.core.diagnosis.glr.hypotheses import BIAS_PRIOR_V, JUMPS
-from hil.core.diagnosis.glr.model import BIAS, GAIN, LEAK, N
+from hil.core.diagnosis.glr.model import BIAS, GAIN, LEAK, SCALE, N
 from hil.core.diagnosis.glr.replay import History, Replays, catch_up
 from tests.glr.glr_bench import DETECTOR, PERIOD_S
 
@@ -21,7 +21,7 @@ def a_history(steps: int) -> History:
         entry = history.entries[step]
         entry[VOLTAGE : VOLTAGE + 2], entry[READING : READING + 4], entry[VARIANCE : VARIANCE + 4] = 3.0, 5.0, 1e-5
         entry[PERIOD], entry[WEIGHT] = PERIOD_S, 0.5
-    history.x[0][0:4], history.x[0][GAIN:LEAK] = 10.0, 1.0
+    history.x[0][0:4], history.x[0][GAIN:LEAK], history.x[0][SCALE:] = 10.0, 1.0, 1.0
     history.P[0] = 1e-8 * np.eye(N)
     return history
 

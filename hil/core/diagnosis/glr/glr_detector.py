@@ -19,6 +19,7 @@ from hil.core.diagnosis.glr import (
     ambiguity,
     declaration,
     drift_review,
+    first_day,
     identified,
     isolation,
     kernels,
@@ -101,7 +102,8 @@ class GlrDetector:
         alarms += drift_review.step(config, m, measurement)
         if m.lost:
             alarms += sensor_monitor.readmit(config, m, measurement)
-        if m.suspicion is None and m.max_ratio >= config.tuning.detect and t_s - m.begun_s >= config.tuning.settle_s:
+        is_found = m.suspicion is None and m.max_ratio >= config.tuning.detect
+        if is_found and t_s - m.begun_s >= config.tuning.settle_s and not first_day.explains_alarm(config, m):
             isolation.suspect(m)
         ambiguity.watch_movement(m)
         if m.suspicion is not None:
@@ -157,6 +159,7 @@ class GlrDetector:
         kernels.grow(m.x, m.P, m.growing, entry[PERIOD])
         likelihood = kernels.filter_step(model, m.x, m.P, entry, m.result)
         m.history.no_jump[m.now % RING] = likelihood
+        first_day.step(self.config, m, likelihood)
         alarms = stuck_check.step(self.config, m, likelihood)
         slot, m.max_ratio = kernels.update_bank(
             model.level_gain_V_cm, m.now, entry, m.result, m.bank, m.min_jumps(), m.best

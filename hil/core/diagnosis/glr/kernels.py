@@ -8,6 +8,7 @@ from hil.core.diagnosis.glr import model as process_model
 from hil.core.diagnosis.glr.compiled import entry_point
 
 predict = entry_point(process_model.predict)
+flow_voltage = entry_point(process_model.flow_voltage)
 filter_step = entry_point(level_filter.filter_step)
 learn_scale = entry_point(noise_learning.learn_scale)
 learn_process_noise = entry_point(noise_learning.learn_process_noise)

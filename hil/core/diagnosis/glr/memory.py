@@ -20,17 +20,17 @@ from hil.core.diagnosis.glr.model import (
     BIAS,
     DRIFT,
     GAIN,
-    LAG,
     LEAK,
     LEVEL,
-    OUTLET,
     PUMP,
+    SCALE,
     SPLIT,
     Array,
     FilterModel,
     N,
 )
 from hil.core.diagnosis.glr.noise_learning import ProcessNoise
+from hil.core.diagnosis.glr.prior import prior_of, wide_prior_of
 from hil.core.diagnosis.glr.replay import RING, History, Replays
 from hil.core.diagnosis.glr.sensor_statistics import SensorStatistics
 from hil.core.diagnosis.glr.tuning import Tuning
@@ -58,7 +58,8 @@ class DetectorConfig:
 
     noise_V : (4,) of a reading. floor_V2 : (4,) smallest variance of a mean of readings. empty_V : (4,) below it a
     converter cuts the noise off, as in an empty tank: see `shows_level`. range_V : (2,) of each pump.
-    prior : (N,) standard deviation of the parameters before the first reading.
+    prior, wide_prior : (N,) standard deviation of the parameters before the first reading, as the rig file has it, and
+    for a rig that it does not describe.
     """
 
     tuning: Tuning
@@ -68,6 +69,7 @@ class DetectorConfig:
     empty_V: Quad
     range_V: tuple[Pair, Pair]
     prior: Array
+    wide_prior: Array
 
     @classmethod
     def of(
@@ -82,7 +84,7 @@ class DetectorConfig:
     ) -> DetectorConfig:
         """From the rig file's numbers. uncertainty : None for that of the tuning."""
         walk = np.zeros(N)
-        walk[GAIN:LEAK] = tuning.parameter_walk**2
+        walk[SPLIT:LEAK] = walk[SCALE : SCALE + 2] = tuning.parameter_walk**2
         speed = float(np.sqrt(2.0 * model.gravity_cm_s2))
         filter_model = FilterModel(
             area_cm2=np.array(model.area_cm2),
@@ -95,7 +97,7 @@ class DetectorConfig:
             height_cm=np.array(model.height_cm),
             datum_cm=np.array(model.datum_cm),
         )
-        floor_V = tuning.reading_floor_V
+        floor_V, prior = tuning.reading_floor_V, prior_of(tuning, uncertainty)
         f1, f2, f3, f4 = (floor**2 for floor in sensors.scaled((floor_V, floor_V, floor_V, floor_V)))
         e1, e2, e3, e4 = (low + EMPTY_STDS * noise for low, noise in zip(sensors.lowest_signals, noise_V, strict=True))
         return cls(
@@ -105,7 +107,8 @@ class DetectorConfig:
             floor_V2=(f1, f2, f3, f4),
             empty_V=(e1, e2, e3, e4),
             range_V=range_V,
-            prior=_prior(tuning, uncertainty),
+            prior=prior,
+            wide_prior=wide_prior_of(tuning, prior),
         )
 
     def shows_level(self, i: int, reading_V: float, expected_V: float) -> bool:
@@ -126,16 +129,6 @@ class DetectorConfig:
         """
         kernels.grow(x, P, target, entry[PERIOD])
         return kernels.filter_step(self.model, x, P, entry, StepResult.empty())
-
-
-def _prior(tuning: Tuning, uncertainty: Uncertainty | None) -> Array:
-    std = np.zeros(N)
-    std[GAIN:LEAK] = tuning.parameter_std
-    std[LAG : LAG + 2] = tuning.lag_std
-    if uncertainty is not None:
-        std[GAIN : GAIN + 2], std[SPLIT : SPLIT + 2] = uncertainty.pump_gain, uncertainty.valve_split
-        std[OUTLET : OUTLET + 4], std[LAG : LAG + 2] = uncertainty.outlet, uncertainty.lag
-    return std
 
 
 @dataclass(slots=True)
@@ -167,6 +160,21 @@ class Lost(NamedTuple):
     number: int
     since_s: float
     proven_V: float = 0.0
+
+
+@dataclass(eq=False, slots=True)
+class Wide:
+    """The filter of a rig that its file does not describe, see `first_day`.
+
+    x, P : its state. lead : by step modulo RING, log-likelihood ratio against the main filter since it began, at step
+    `began`. relearned_s : age at which a part of what was learned was forgotten the last time.
+    """
+
+    x: Array
+    P: Array
+    began: int
+    lead: list[float] = field(default_factory=lambda: [0.0] * RING)
+    relearned_s: float = 0.0
 
 
 @dataclass(slots=True)
@@ -303,6 +311,9 @@ class Memory:
     verdicts_s: tuple[float, ...] = ()
     checkpoint: Checkpoint | None = None
     unproven: tuple[int, float] | None = None
+    wide: Wide | None = None
+    is_wide: bool = False
+    relearned_s: float = 0.0
 
     @classmethod
     def begin(cls, config: DetectorConfig, t_s: float, measurement: Measurement, applied_V: Pair) -> Memory:
@@ -312,10 +323,11 @@ class Memory:
         x[LEVEL : LEVEL + 4] = np.array(measurement.level_V) / config.model.level_gain_V_cm
         x[PUMP : PUMP + 2] = applied_V
         x[GAIN:LEAK] = 1.0
+        x[SCALE : SCALE + 2] = 1.0
         for i, noise_V in enumerate(config.noise_V):
             level_V2 = noise_V**2 / max(measurement.readings, 1) + START_LEVEL_STD_V**2
             variance[LEVEL + i] = level_V2 / config.model.level_gain_V_cm**2
-        variance[GAIN:LEAK] = config.prior[GAIN:LEAK] ** 2
+        variance[SPLIT:] = config.prior[SPLIT:] ** 2
         sensors = [SensorStatistics(noise_V**2) for noise_V in config.noise_V]
         noise = ProcessNoise.begin(tuning.min_level_walk)
         memory = cls(x=x, P=np.diag(variance), sensors=sensors, noise=noise, t_s=t_s, begun_s=t_s, applied_V=applied_V)
@@ -348,6 +360,7 @@ class Memory:
         """Forget all candidates: the filter has just been corrected, as it stood at a step (None: now)."""
         self.bank.clear()
         self.noise.restart()
+        self.wide = None
         self.open_slot(step)
         self.max_ratio = 0.0
 

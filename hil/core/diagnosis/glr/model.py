@@ -1,6 +1,6 @@
 """The process as the diagnosis models it: the layout of the filter's state, and its prediction over one control period.
 
-State, N = 27 numbers; the constants below are the index of the first number of each group:
+State, N = 33 numbers; the constants below are the index of the first number of each group:
 
     h   4  levels, cm                        k    2  pump gains over the rig file's, 1 when nominal
     p   2  drives behind the pump lag, V     g    2  valve splits, likewise
@@ -8,9 +8,11 @@ State, N = 27 numbers; the constants below are the index of the first number of 
     leak 2  tanks 3, 4: outflow to the floor over what the outlet passes on
     b   4  sensor biases, V                  d    4  sensor drifts, V/s
     r   1  rate at which one of k, g, a or leak grows, 1/s, see `growth`
+    z   2  dead zones of the pumps, V          c    2  bend of the pumps' curves, 1/V
 
-Levels follow eq. (1) of Hajiani and Poshtan (2012), see `hil.core.tanks`; p' = (v - p)/(lag_s tau); b' = d. All
-voltages of pumps are drives, see `hil.core.pumps`, and all of sensors level signals, see `hil.core.sensors`. Parameters
+Levels follow eq. (1) of Hajiani and Poshtan (2012), see `hil.core.tanks`; p' = (f(v) - p)/(lag_s tau) with
+f(v) = x (1 + c x), x = v - z, 0 below the dead zone; b' = d. All voltages of pumps are drives, see `hil.core.pumps`,
+and all of sensors level signals, see `hil.core.sensors`. Parameters
 vary as slow random walks. Leaks, biases, drifts and the rate have zero variance, and so stay 0, until a fault
 hypothesis gives them some; a leak of tank 1 or 2 is a wider outlet, by the very same equations.
 
@@ -30,8 +32,9 @@ from hil.core.diagnosis.glr.compiled import compiled
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-N = 27
+N = 33
 LEVEL, PUMP, GAIN, SPLIT, LAG, OUTLET, LEAK, BIAS, DRIFT, RATE = 0, 4, 6, 8, 10, 12, 16, 18, 22, 26
+ZONE, BEND, SCALE = 27, 29, 31
 
 MOVING = 6
 """Levels and lagged voltages: the states whose rows of the transition matrix are not the identity's."""
@@ -59,12 +62,18 @@ class FilterModel(NamedTuple):
     datum_cm: Array
 
 
+ZONE_WIDTH_V = 0.4
+"""So wide is the range of voltages around the end of the dead zone in which it is not certain whether a pump gives."""
+
+
 class MeanPumps(NamedTuple):
-    """The lagged pump voltages, mean of a period: (2,) V each; their derivatives by p and by tau at its start."""
+    """The lagged flow voltages, mean of a period: (2,) V each; their derivatives by p, tau, z and c at its start."""
 
     voltage_V: Array
     by_p: Array
     by_lag: Array
+    by_zone: Array
+    by_bend: Array
 
 
 @compiled
@@ -74,7 +83,7 @@ def predict(model: FilterModel, x: Array, voltage_V: Array, dt: float, A: Array)
     x : (N,), changed in place. voltage_V : (2,) applied during the period. dt : s. A : (MOVING, N), written.
     """
     A[:, :] = 0.0
-    mean = MeanPumps(np.empty(2), np.empty(2), np.empty(2))
+    mean = MeanPumps(np.empty(2), np.empty(2), np.empty(2), np.empty(2), np.empty(2))
     _predict_pumps(model, x, voltage_V, dt, A, mean)
     outflow, slope = np.empty(4), np.empty(4)
     for i in range(4):
@@ -105,20 +114,36 @@ def _predict_pumps(model: FilterModel, x: Array, voltage_V: Array, dt: float, A:
         tau = model.lag_s[j] * x[LAG + j]
         decay = np.exp(-dt / tau)
         share = (1.0 - decay) * tau / dt
-        gap = x[PUMP + j] - voltage_V[j]
-        mean.voltage_V[j] = voltage_V[j] + gap * share
+        flow_V, by_zone, by_bend = flow_voltage(x, j, voltage_V[j])
+        gap = x[PUMP + j] - flow_V
+        mean.voltage_V[j] = flow_V + gap * share
         mean.by_p[j] = share
         mean.by_lag[j] = gap * model.lag_s[j] * ((1.0 - decay) / dt - decay / tau)
-        x[PUMP + j] = voltage_V[j] + gap * decay
+        mean.by_zone[j], mean.by_bend[j] = by_zone * (1.0 - share), by_bend * (1.0 - share)
+        x[PUMP + j] = flow_V + gap * decay
         A[PUMP + j, PUMP + j] = decay
+        A[PUMP + j, ZONE + j], A[PUMP + j, BEND + j] = by_zone * (1.0 - decay), by_bend * (1.0 - decay)
         A[PUMP + j, LAG + j] = gap * decay * dt / (tau * tau) * model.lag_s[j]
+
+
+@compiled
+def flow_voltage(x: Array, pump: int, voltage_V: float) -> tuple[float, float, float]:
+    """The voltage of a straight pump without dead zone that gives as much, V; its derivatives by z and by c.
+
+    x : (N,) state. pump : 0 or 1. voltage_V : what is applied for long.
+    """
+    over = voltage_V - x[ZONE + pump]
+    gives = min(max(over / ZONE_WIDTH_V + 0.5, 0.0), 1.0) if voltage_V > 0.0 else 0.0
+    over = max(over, 0.0) if voltage_V > 0.0 else 0.0
+    bend = x[BEND + pump]
+    return over * (1.0 + bend * over), -gives * (1.0 + 2.0 * bend * over), over * over
 
 
 @compiled
 def _level_rates(model: FilterModel, x: Array, mean_V: Array, outflow: Array, rate: Array) -> None:
     """Eq. (1). outflow : (4,) of clean outlets, cm3/s. rate : (4,) cm/s, written."""
     area, gain, split = model.area_cm2, model.pump_gain_cm3_Vs, model.valve_split
-    q1, q2 = gain[0] * x[GAIN] * mean_V[0], gain[1] * x[GAIN + 1] * mean_V[1]
+    q1, q2 = gain[0] * x[GAIN] * x[SCALE] * mean_V[0], gain[1] * x[GAIN + 1] * x[SCALE + 1] * mean_V[1]
     g1, g2 = split[0] * x[SPLIT], split[1] * x[SPLIT + 1]
     o1, o2 = x[OUTLET] * outflow[0], x[OUTLET + 1] * outflow[1]
     o3, o4 = x[OUTLET + 2] * outflow[2], x[OUTLET + 3] * outflow[3]
@@ -185,11 +210,14 @@ def _linearise_outflows(model: FilterModel, x: Array, dt: float, A: Array, outfl
 def _linearise_inflows(model: FilterModel, x: Array, dt: float, A: Array, mean: MeanPumps) -> None:
     """Rows of the levels: by lagged voltages, lags, gains and splits."""
     for j in range(2):
-        split = model.valve_split[j] * x[SPLIT + j]
+        split, gain = model.valve_split[j] * x[SPLIT + j], x[GAIN + j] * x[SCALE + j]
         far = 3 - j
         for i, share, sign in ((j, split, 1.0), (far, 1.0 - split, -1.0)):
             flow = dt / model.area_cm2[i] * model.pump_gain_cm3_Vs[j]
-            A[i, PUMP + j] = flow * share * x[GAIN + j] * mean.by_p[j]
-            A[i, LAG + j] = flow * share * x[GAIN + j] * mean.by_lag[j]
-            A[i, GAIN + j] = flow * share * mean.voltage_V[j]
-            A[i, SPLIT + j] = sign * flow * model.valve_split[j] * x[GAIN + j] * mean.voltage_V[j]
+            A[i, PUMP + j] = flow * share * gain * mean.by_p[j]
+            A[i, LAG + j] = flow * share * gain * mean.by_lag[j]
+            A[i, GAIN + j] = flow * share * x[SCALE + j] * mean.voltage_V[j]
+            A[i, SCALE + j] = flow * share * x[GAIN + j] * mean.voltage_V[j]
+            A[i, ZONE + j] = flow * share * gain * mean.by_zone[j]
+            A[i, BEND + j] = flow * share * gain * mean.by_bend[j]
+            A[i, SPLIT + j] = sign * flow * model.valve_split[j] * gain * mean.voltage_V[j]

@@ -16,6 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from hil.core.diagnosis.glr import kernels
 from hil.core.diagnosis.glr.filter import DOUBT, VOLTAGE
 from hil.core.diagnosis.glr.growth import BOTH_GAINS
 from hil.core.diagnosis.glr.hypotheses import GROWTH_STD
@@ -40,8 +41,9 @@ def begin(config: DetectorConfig, m: Memory, pump: int, number: int, detected_s:
         return
     x = m.x.copy()
     voltage_V = max(float(m.entry[VOLTAGE + pump]), MIN_VOLTAGE_V)
-    x[GAIN + pump] *= float(x[PUMP + pump]) / voltage_V
-    x[PUMP + pump] = voltage_V
+    flow_V = max(kernels.flow_voltage(x, pump, voltage_V)[0], MIN_VOLTAGE_V)
+    x[GAIN + pump] *= float(x[PUMP + pump]) / flow_V
+    x[PUMP + pump] = flow_V
     growing_x, growing_P = _growing(m)
     m.stuck_checks[pump] = StuckCheck(
         pump=pump,

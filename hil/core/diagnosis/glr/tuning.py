@@ -34,6 +34,13 @@ class Tuning:
     scale_pace : how fast the assumed noise follows innovations that are larger than expected. calm : it follows only
     while the likelihood ratio is below this; the noise of the process likewise, but for the first first_learning_s.
 
+    A rig that its file does not describe, see `first_day`.
+    wide_gain_std, wide_outlet_std, wide_lag_std : how far gains, outlets and lags may be off then, relative.
+    passing_std : how far what an upper tank lets out may be off what arrives below, as a share. zone_std_V,
+    bend_std_1_V : how far a pump's dead zone and the bend of its curve may be off.
+    relearn_from_s, relearn_until_s, relearn_keep : in this time after the start, at each doubling of it, this share of
+    what was learned is kept.
+
     After the verdict.
     size_doubt, prior_doubt : how wrong an isolated size may be for reasons that its variance does not include, as
     shares of itself and of its prior.
@@ -78,3 +85,13 @@ class Tuning:
     diverged: float = 6.0
     diverged_s: float = 10.0
     verdicts_max: int = 6
+
+    wide_gain_std: float = 0.2
+    wide_outlet_std: float = 0.07
+    wide_lag_std: float = 1.5
+    passing_std: float = 0.02
+    zone_std_V: float = 0.25
+    bend_std_1_V: float = 0.015
+    relearn_from_s: float = 2.0
+    relearn_until_s: float = 100.0
+    relearn_keep: float = 0.3

@@ -1,0 +1,120 @@
+"""A rig that its file does not describe, as on its first day: a wide filter beside the main one learns it.
+
+The main filter believes the rig file within its `[uncertainty]`. The wide filter leaves room for pumps with other
+gains, dead zones, bent curves and lags, for other outlets, and for sensors of a slightly other gain. When the bank
+finds something that the wide filter expected as well as the likeliest fault would explain it, then nothing has
+happened: the rig is another one than its file says. The wide filter becomes the main one, and no alarm is raised.
+
+Then a filter beside it that believes less of what was learned takes its place, and so on.
+
+A filter with so much to learn linearises about values that are far off at first. So it forgets a part of what it has
+learned at each doubling of its age in the first minute or two.
+Why: `docs/decisions/0028-model-error.md`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hil.core.diagnosis.glr import kernels
+from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE, StepResult
+from hil.core.diagnosis.glr.memory import DetectorConfig, Memory, Wide
+from hil.core.diagnosis.glr.model import PUMP, ZONE, Array
+from hil.core.diagnosis.glr.replay import RING
+
+WIDE_SHARE = 0.5
+"""It is enough that the wide filter has this share of the likeliest fault's evidence: it explains what follows, too."""
+
+KEEP_BESIDE, RENEW_S = 0.1, 60.0
+"""Once the wide filter is the main one, the filter beside it believes this share of what was learned; it begins again
+after this time."""
+
+MOVED_V, BEFORE_STEPS = 0.5, 10
+"""A rig that is not as its file says shows that when a voltage moves, by this at least, since so many steps before."""
+
+_RESULT = StepResult.empty()
+
+
+def step(config: DetectorConfig, m: Memory, log_likelihood: float) -> None:
+    """One step of the wide filter. log_likelihood : of this step's readings in the main filter, as it has just been."""
+    tuning = config.tuning
+    age_s = m.now * float(m.entry[PERIOD])
+    if m.is_wide:
+        is_due = age_s >= max(2.0 * m.relearned_s, tuning.relearn_from_s)
+        if is_due and age_s < tuning.relearn_until_s and m.suspicion is None:
+            _forget_share(m.P, tuning.relearn_keep, config.wide_prior)
+            m.relearned_s = age_s
+            m.restart_bank()
+            return
+        if m.wide is not None and m.suspicion is None and (m.now - m.wide.began) * float(m.entry[PERIOD]) > RENEW_S:
+            m.wide = None
+    if m.wide is None:
+        if m.suspicion is None:
+            m.wide = _begin(config, m)
+        return
+    wide = m.wide
+    likelihood = kernels.filter_step(config.model, wide.x, wide.P, m.entry, _RESULT)
+    wide.lead[m.now % RING] = wide.lead[(m.now - 1) % RING] + likelihood - log_likelihood
+    age_s = (m.now - wide.began) * float(m.entry[PERIOD])
+    is_due = tuning.relearn_from_s <= age_s < tuning.relearn_until_s and age_s >= 2.0 * wide.relearned_s
+    if is_due and not m.is_wide:
+        _forget_share(wide.P, tuning.relearn_keep, config.wide_prior)
+        wide.relearned_s = age_s
+
+
+def explains_alarm(config: DetectorConfig, m: Memory) -> bool:
+    """Whether the wide filter expected what the bank has just found; it is the main filter then."""
+    leader = int(np.argmax(m.best.ratio))
+    return explains(config, m, int(m.bank.onset[int(m.best.slot[leader])]), m.max_ratio)
+
+
+def explains(config: DetectorConfig, m: Memory, onset: int, ratio: float) -> bool:
+    """Whether the wide filter expected the readings since a step; it is the main filter then.
+
+    ratio : log-likelihood ratio of the likeliest fault with this onset, against none. A voltage must have moved: what
+    grows while the voltages rest is no matter of the rig's own parameters.
+    """
+    wide = m.wide
+    if wide is None:
+        return False
+    is_early = m.t_s - m.begun_s < config.tuning.first_learning_s
+    lead = wide.lead[m.now % RING] - wide.lead[max(onset, wide.began, m.now - RING + 1) % RING]
+    if lead < WIDE_SHARE * ratio or not (is_early or _moved_by(m, onset) >= MOVED_V):
+        return False
+    m.x[:], m.P[:], m.is_wide, m.relearned_s = wide.x, wide.P, True, wide.relearned_s
+    m.scale[:] = 1.0
+    m.mean_square = 1.0
+    m.restart_bank()
+    return True
+
+
+def _moved_by(m: Memory, onset: int) -> float:
+    """By how many volts a pump's voltage has moved since a little before a step."""
+    steps = np.arange(max(onset - BEFORE_STEPS, m.now - RING + 1, 1), m.now + 1) % RING
+    return float(np.max(np.ptp(m.history.entries[steps, VOLTAGE : VOLTAGE + 2], axis=0)))
+
+
+def _begin(config: DetectorConfig, m: Memory) -> Wide:
+    """The wide filter, from the main one as it is."""
+    P = m.P.copy()
+    if m.is_wide:
+        _forget_share(P, KEEP_BESIDE, config.wide_prior)
+        return Wide(x=m.x.copy(), P=P, began=m.now)
+    extra = config.wide_prior**2 - config.prior**2
+    for j in range(2):
+        if m.x[PUMP + j] > 0.0:
+            extra[PUMP + j] = config.wide_prior[ZONE + j] ** 2
+    P[np.diag_indices_from(P)] += extra
+    return Wide(x=m.x.copy(), P=P, began=m.now)
+
+
+def _forget_share(P: Array, keep: float, prior: Array) -> None:
+    """Keep this share of what was learned, as if each reading had been worth so much less, in place.
+
+    P : (N, N). prior : (N,) standard deviations before the first reading; what they say is kept whole.
+    """
+    states = np.flatnonzero(prior > 0.0)
+    P /= keep
+    S = P[np.ix_(states, states)] + np.diag(prior[states] ** 2 / (1.0 - keep))
+    P -= P[:, states] @ np.linalg.solve(S, P[states])
+    P[:] = 0.5 * (P + P.T)
