@@ -79,8 +79,10 @@ def watch_inflow(
     period_s = (now_ns - watch.watched_ns) * 1e-9
     begins = any(alarm.isolated_s is not None for alarm in diagnosis.new_alarms)
     learn_s, smoothing_s = LEARN_S, SMOOTHING_S
-    if is_starting:  # no name explains that a tank needs more water: a leak and a drift are easily mistaken here
-        begins = min(level_cm[0], level_cm[1]) < MIN_LEVEL_CM
+    if is_starting:  # only a pump's name explains that a tank needs more water: a leak and a drift are easily mistaken
+        named = (alarm for alarm in diagnosis.new_alarms if alarm.isolated_s is not None)
+        begins = any(alarm.kind == "pump_effectiveness" for alarm in named)
+        begins = begins or min(level_cm[0], level_cm[1]) < MIN_LEVEL_CM
         learn_s, smoothing_s = START_LEARN_S, START_SMOOTHING_S
     if watch.level_cm is None or period_s <= 0.0 or begins:
         return InflowWatch(level_cm=level_cm, watched_ns=now_ns)

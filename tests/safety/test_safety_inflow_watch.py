@@ -144,3 +144,5 @@ def test_in_a_start_phase_it_learns_sooner_and_no_name_explains_a_change() -> No
         BENCH, InflowWatch(before, before, 60.0, shown, 0), shown, (3.0, 3.0), NAMED, SECOND, is_starting=True
     )
     assert watch.ratio[0] - before[0] == pytest.approx((0.7**-0.5 - 1.0) / 20.0)
+    pump = Diagnosis(new_alarms=(Alarm(1.0, "pump_effectiveness", 1, 1.15, isolated_s=1.0),))
+    assert watch_inflow(BENCH, watch, shown, (3.0, 3.0), pump, 2 * SECOND, is_starting=True).learned == (0.0, 0.0)
