@@ -49,7 +49,7 @@ def step(config: DetectorConfig, m: Memory, log_likelihood: float) -> None:
         if m.wide is not None and m.suspicion is None and (m.now - m.wide.began) * float(m.entry[PERIOD]) > RENEW_S:
             m.wide = None
     if m.wide is None:
-        if m.suspicion is None:
+        if m.suspicion is None and not m.declared and not m.lost:  # what follows a fault is no matter of the rig's own
             m.wide = _begin(config, m)
         return
     wide = m.wide
