@@ -6,11 +6,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from hil.core.diagnosis.glr import onsets
 from hil.core.diagnosis.glr.growth import BOTH_GAINS, NO_GROWTH, covers, grow
-from hil.core.diagnosis.glr.hypotheses import PUMPS
-from hil.core.diagnosis.glr.model import GAIN, OUTLET, RATE, N
+from hil.core.diagnosis.glr.hypotheses import PUMPS, drift_of
+from hil.core.diagnosis.glr.model import BIAS, DRIFT, GAIN, OUTLET, RATE, N
 from hil.core.types import UNRESOLVED
-from tests.glr.glr_bench import Fault, Plant, play, put
+from tests.glr.glr_bench import PERIOD_S, Fault, Plant, play, put
+from tests.glr.test_glr_tuning import a_memory
 from tests.narrowing import not_none
 
 AT_S, STEP_S = 20.0, 0.5
@@ -124,3 +126,14 @@ def test_the_rate_moves_its_parameter_and_nothing_else() -> None:
     assert (x == kept).all()
     assert all(covers(BOTH_GAINS, pump) for pump in PUMPS)
     assert not any(covers(NO_GROWTH, pump) for pump in PUMPS)
+
+
+def test_a_drift_begins_at_an_unknown_moment_of_its_period() -> None:
+    """A drift of 0.1 V/s was some mV off what its replay could have, and was called a leak: the tank spilled."""
+    memory, number = a_memory(), drift_of(1)
+    slot = onsets.slots_in_use(memory)[0]
+    memory.bank.energy[number, slot], memory.bank.match[number, slot] = 1.0, -0.1
+    onsets.begin(memory, memory.replays, number, number, -1, slot)
+    added = memory.replays.P[number] - memory.history.P[slot]
+    assert np.sqrt(added[BIAS, BIAS]) == pytest.approx(0.3 * 0.1 * PERIOD_S)
+    assert np.flatnonzero(np.diag(added)).tolist() == [BIAS, DRIFT]

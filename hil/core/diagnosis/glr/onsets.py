@@ -10,6 +10,7 @@ import numpy as np
 
 from hil.core.diagnosis.glr import kernels
 from hil.core.diagnosis.glr.bank import MAX_AGE, SLOTS
+from hil.core.diagnosis.glr.filter import PERIOD
 from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, ROWS, VARIANTS, H, Variant, jumps_of
 from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
 from hil.core.diagnosis.glr.model import BIAS, DRIFT, OUTLET
@@ -18,6 +19,9 @@ from hil.core.diagnosis.glr.replay import Replays
 ONSETS_AROUND = (-8, -4, -2, -1, 0, 1, 2, 4, 8)
 AGES_AROUND = (0.4, 0.55, 0.75, 1.3, 1.7, 2.2)
 """Onsets to try, in steps from the likeliest; of growth, the times since the onset, over the likeliest."""
+
+MAX_PRIORS = 2.0
+"""Largest drift, in standard deviations of its prior, whose effect within its first period is left open."""
 
 NO_LIMIT = 1 << 40
 """Filter steps; more than there can be."""
@@ -45,11 +49,14 @@ def slots_in_use(m: Memory) -> list[int]:
 
 def begin(m: Memory, replays: Replays, row: int, number: int, variant: int, slot: int) -> None:
     """Begin a replay of hypothesis `number`, its onset that of a slot of the bank."""
-    reach = np.zeros(4)
+    reach = np.zeros(8)
     for j in jumps_of(number):
         energy = m.bank.energy[j, slot]
         size = min(max(m.bank.match[j, slot] / energy, -1.0), 1.0) if energy > 0.0 else 0.0
-        reach += size * m.result.A[:4, JUMPS[j].state]
+        reach[:4] += size * m.result.A[:4, JUMPS[j].state]
+        if JUMPS[j].state >= DRIFT:
+            most = MAX_PRIORS * JUMPS[j].prior  # with more, a drift would explain a bias that jumps
+            reach[4 + JUMPS[j].state - DRIFT] += min(max(size, -most), most) * float(m.entry[PERIOD])
     replays.begin(row, number, variant, m.history, slot, int(m.bank.onset[slot]), reach, m.growing)
 
 

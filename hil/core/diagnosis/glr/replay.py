@@ -16,7 +16,7 @@ from hil.core.diagnosis.glr.compiled import compiled
 from hil.core.diagnosis.glr.filter import ENTRY, PERIOD, READING, StepResult, filter_step, whitened
 from hil.core.diagnosis.glr.growth import BOTH_GAINS, NO_GROWTH, grow
 from hil.core.diagnosis.glr.hypotheses import BIAS_PRIOR_V, BOTH, JUMPS, PUMPS, ROWS, VARIANTS
-from hil.core.diagnosis.glr.model import BIAS, MOVING, RATE, Array, FilterModel, Ints, N
+from hil.core.diagnosis.glr.model import BIAS, LEVEL, MOVING, RATE, Array, FilterModel, Ints, N
 
 RING = MAX_AGE + 64
 """Steps of history that are kept: a little more than the oldest onset needs."""
@@ -109,8 +109,8 @@ class Replays(NamedTuple):
     ) -> None:
         """Put hypothesis `number` at the onset of a slot, in row `row`.
 
-        variant : place in VARIANTS, -1 for the plain jump. reach : (4,) cm, how far the jump, as the bank has it, moves
-        each level in one period. target : what grows already, see `growth`.
+        variant : place in VARIANTS, -1 for the plain jump. reach : (8,) how far the jump, as the bank has it, moves
+        each level, cm, and each sensor's bias, V, in one period. target : what grows already, see `growth`.
         """
         self.x[row] = self.before[row] = history.x[slot]
         P = self.P[row]
@@ -124,7 +124,8 @@ class Replays(NamedTuple):
             self.x[row, RATE] = 0.0
             P[RATE, :] = P[:, RATE] = 0.0
             P[RATE, RATE] = way.rate**2
-        P[range(4), range(4)] += (ONSET_SPREAD * reach) ** 2
+        moved = (*range(LEVEL, LEVEL + 4), *range(BIAS, BIAS + 4))
+        P[moved, moved] += (ONSET_SPREAD * reach) ** 2
         self.evidence[row], self.misfit[row] = way.odds if way else 0.0, 0.0
         self.seen[row] = self.onset[row] = self.fit[row] = onset
         self.bias[row] = JUMPING_BIAS[number]
