@@ -102,12 +102,12 @@ def step(
         period_s = (now_ns - loop.stepped_ns) * 1e-9
         loop, loop_events = closed_loop.step(config.loop, loop, inputs, now_ns, probe)
         monitors, belief = _observe(config, monitors, loop, inputs.measurement, now_ns)
-        is_zero = state.loop is not None and state.loop.is_starting and not loop.is_starting
-        if is_zero and state.supervision.mode.is_controlling:
-            belief = replace(
-                belief, start_problem=_start_problem(config, loop, monitors.doubts, state.supervision.command_V)
-            )
-            loop_events += (start_phase.ends(belief.start_problem),)
+        if loop.start is not None and state.supervision.mode.is_controlling:
+            is_end = state.loop is not None and state.loop.is_starting and not loop.is_starting
+            problem = _start_problem(config, loop, monitors.doubts, state.supervision.command_V, is_end=is_end)
+            belief = replace(belief, start_problem=problem)
+            if problem or is_end:
+                loop_events += (start_phase.ends(problem),)
         supervision, events = supervisor.next_mode(config.limits, state.supervision, inputs, now_ns, belief)
         if not loop.is_starting:
             probe, probe_events = _probe(config, probe, loop, supervision.mode, inputs, belief, period_s)
@@ -170,17 +170,17 @@ def _observe(
         possible_cm=inflow.possible_cm(model, estimate.level_cm, diagnosis),
         is_dry=dry.is_dry,
     )
-    doubts = start_phase.open_doubts(monitors.doubts, diagnosis.new_alarms)
+    doubts = start_phase.open_doubts(monitors.doubts, diagnosis.new_alarms, loop.t_s)
     monitors = Monitors(outlets=outlets, live_outlets=live_outlets, live=live, inflow=inflow, dry=dry, doubts=doubts)
     return monitors, belief
 
 
-def _start_problem(config: ControllerConfig, loop: LoopState, doubts: Doubts, command_V: Pair) -> str:
-    """Why the first reference was not reached by the end of the start phase; "" if it was."""
-    if loop.start is None:
+def _start_problem(config: ControllerConfig, loop: LoopState, doubts: Doubts, command_V: Pair, *, is_end: bool) -> str:
+    """Why the start phase has failed; "" if it has not. is_end : it ends with this step."""
+    if loop.start is None or loop.t_s > start_phase.DOUBTED_UNTIL_S:
         return ""
-    hidden = start_phase.hidden_level(doubts)
-    if hidden:
+    hidden = start_phase.hidden_level(doubts, loop.t_s, is_over=is_end)
+    if hidden or not is_end:
         return hidden
     k, (y1, y2) = config.limits.level_gain_V_cm, loop.law.target_V
     return start_phase.problem(loop.start, config.loop.start, loop.level_cm, (y1 / k, y2 / k), command_V)

@@ -352,7 +352,7 @@ INTERLOCKS: tuple[Interlock, ...] = (
     Interlock(
         TripCause.START_FAILED,
         lambda _, s: bool(s.start_problem),
-        "the start phase did not reach the first reference",
+        "the start phase has failed",
         Reaction.STOP,
         detail=lambda s: s.start_problem,
     ),

@@ -22,8 +22,14 @@ from hil.core.state_feedback import ControlLaw
 from hil.core.tanks import TankModel, equilibrium, through_flow_matrix
 from hil.core.types import UNRESOLVED, Alarm, Event, Pair, Quad, Severity
 
-Doubts = tuple[tuple[int, tuple[str, ...]], ...]
-"""Alarms that are not resolved: number and candidates."""
+Doubts = tuple[tuple[int, tuple[str, ...], float], ...]
+"""Alarms that are not resolved, and named leaks of a lower tank: number, candidates, run time since when."""
+
+DOUBT_S = 15.0
+"""An open alarm that may hide a level is waited for so long; the end of the phase does not wait."""
+
+DOUBTED_UNTIL_S = 120.0
+"""Such alarms still end the run so long after time 0: until then nothing has learned what holds the tanks at rest."""
 
 FAR_BELOW = 0.5
 """A lower level below this share of its first reference is far below it. A rig whose outlets and pumps are 10 % off its
@@ -38,7 +44,8 @@ DRIVE_SHARE = 0.9
 MAX_HALVINGS = 6
 """The rate is halved so often at the most to meet these limits."""
 
-HIDES_LEVEL = frozenset({"leak 1", "leak 2", "sensor_drift 1", "sensor_drift 2"})
+LEAKS = frozenset({"leak 1", "leak 2"})
+HIDES_LEVEL = LEAKS | {"sensor_drift 1", "sensor_drift 2"}
 """Explanations with which a lower tank is fuller than its sensor shows, or may be."""
 
 AT_LIMIT_V = 0.1
@@ -169,28 +176,37 @@ def problem(phase: StartPhase, config: StartConfig, level_cm: Sequence[float], t
     return f"after {phase.length_s:.0f} s {' and '.join(off)}; {reason}"
 
 
-def open_doubts(before: Doubts, alarms: Sequence[Alarm]) -> Doubts:
-    """The alarms that are not resolved after these."""
+def open_doubts(before: Doubts, alarms: Sequence[Alarm], t_s: float) -> Doubts:
+    """The doubts after these alarms, at run time t_s."""
     if not alarms:
         return before
-    open_ = dict(before)
+    open_ = {number: (candidates, since_s) for number, candidates, since_s in before}
     for alarm in alarms:
-        open_.pop(alarm.number, None)
-        if alarm.kind == UNRESOLVED and not alarm.is_recovery:
-            open_[alarm.number] = alarm.candidates
-    return tuple(open_.items())
+        _, since_s = open_.pop(alarm.number, ((), t_s))
+        name = f"{alarm.kind} {alarm.target}"
+        if alarm.is_recovery:
+            continue
+        if alarm.kind == UNRESOLVED:
+            open_[alarm.number] = (alarm.candidates, since_s)
+        elif name in LEAKS:
+            open_[alarm.number] = ((name,), since_s)
+    return tuple((number, candidates, since_s) for number, (candidates, since_s) in open_.items())
 
 
-def hidden_level(doubts: Doubts) -> str:
-    """Why a lower tank may be fuller than its sensor shows at the end of the phase; "" if nothing open says so.
+def hidden_level(doubts: Doubts, t_s: float, *, is_over: bool) -> str:
+    """Why a lower tank may be fuller than its sensor shows; "" if no doubt says so.
 
-    A sensor that drifts downwards while the tanks fill looks like a leak or a valve. The worst explanation counts.
+    A sensor that drifts downwards while the tanks fill looks like a leak or a valve, and the tank overflows if it is
+    taken for one. The worst explanation counts: for a named leak at once, for an open alarm after DOUBT_S, and for
+    both when the phase is_over.
     """
-    for _, candidates in doubts:
-        if not HIDES_LEVEL.isdisjoint(candidates):
-            return (
-                f"it is not known what has failed: {' or '.join(candidates)}; a lower tank may be fuller than it shows"
+    for _, candidates, since_s in doubts:
+        if not HIDES_LEVEL.isdisjoint(candidates) and (is_over or len(candidates) == 1 or t_s - since_s >= DOUBT_S):
+            found = " or ".join(candidates)
+            what = (
+                f"{found} while the tanks fill" if len(candidates) == 1 else f"it is not known what has failed: {found}"
             )
+            return f"{what}; a lower tank may be fuller than it shows"
     return ""
 
 

@@ -167,10 +167,25 @@ def test_an_open_question_about_a_lower_level_ends_the_phase_with_a_stop() -> No
         return Alarm(1.0, kind, 0, math.nan, candidates=candidates, number=number, is_recovery=is_recovery)
 
     drift = alarm(1, UNRESOLVED, "valve_split 1", "leak 1", "sensor_drift 1")
-    doubts = start_phase.open_doubts((), [drift, alarm(2, UNRESOLVED, "pump_effectiveness 1")])
-    assert "valve_split 1 or leak 1 or sensor_drift 1" in start_phase.hidden_level(doubts)
-    assert start_phase.open_doubts(doubts, []) is doubts
+    doubts = start_phase.open_doubts((), [drift, alarm(2, UNRESOLVED, "pump_effectiveness 1")], -50.0)
+    assert "valve_split 1 or leak 1 or sensor_drift 1" in start_phase.hidden_level(doubts, -49.0, is_over=True)
+    assert start_phase.hidden_level(doubts, -36.0, is_over=False) == ""
+    assert start_phase.hidden_level(doubts, -35.0, is_over=False) != "", "a tank fills on in the meantime"
+    assert start_phase.open_doubts(doubts, [], -40.0) is doubts
+    again = start_phase.open_doubts(doubts, [drift], -36.0)
+    assert start_phase.hidden_level(again, -35.0, is_over=False) != "", "a report on an open alarm is not a new doubt"
     for end in (alarm(1, "valve_split", "valve_split 1"), alarm(1, UNRESOLVED, "leak 1", is_recovery=True)):
-        later = start_phase.open_doubts(doubts, [end])
-        assert later == ((2, ("pump_effectiveness 1",)),)
-        assert start_phase.hidden_level(later) == ""
+        later = start_phase.open_doubts(doubts, [end], -40.0)
+        assert later == ((2, ("pump_effectiveness 1",), -50.0),)
+        assert start_phase.hidden_level(later, 0.0, is_over=True) == ""
+
+
+@pytest.mark.parametrize(
+    ("kind", "target", "is_doubt"), [("leak", 2, True), ("leak", 3, False), ("sensor_drift", 2, False)]
+)
+def test_a_leak_of_a_lower_tank_ends_the_phase_at_once(kind: str, target: int, is_doubt: bool) -> None:
+    """Sensor 1 drifted downwards while the tanks filled, and was called a leak: 59 cm3 went over the rim."""
+    named = Alarm(1.0, kind, target, 0.2, candidates=(f"{kind} {target}",), number=1)
+    doubts = start_phase.open_doubts((), [named], -60.0)
+    assert bool(start_phase.hidden_level(doubts, -60.0, is_over=False)) is is_doubt
+    assert start_phase.open_doubts(doubts, [replace(named, is_recovery=True)], -50.0) == ()
