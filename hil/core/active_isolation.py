@@ -103,7 +103,7 @@ class Occasion:
 
 
 @dataclass(frozen=True, slots=True)
-class Probe:
+class ProbeState:
     """State of the probe between two steps.
 
     offset_V : (2,) added to what the law asks for. deviation_cm : (4,) movement of the levels that the offset has
@@ -133,11 +133,11 @@ class Probe:
         return isfinite(self.begun_s)
 
 
-Step = tuple[Probe, tuple[Event, ...]]
-IDLE = Probe()
+Step = tuple[ProbeState, tuple[Event, ...]]
+IDLE = ProbeState()
 
 
-def step(config: ProbeConfig, limits: Limits, probe: Probe, at: Occasion, t_s: float, period_s: float) -> Step:
+def step(config: ProbeConfig, limits: Limits, probe: ProbeState, at: Occasion, t_s: float, period_s: float) -> Step:
     """One step: the offset and the expected movement for the next one, and the events that announce both ends."""
     if not config.is_allowed or (probe is IDLE and at.belief.diagnosis.open_question is None):
         return probe, ()
@@ -200,7 +200,7 @@ def rise_cm(limits: Limits, config: ProbeConfig) -> Quad:
     return h1, h2, h3, h4
 
 
-def _ask(probe: Probe, diagnosis: Diagnosis, t_s: float) -> Probe:
+def _ask(probe: ProbeState, diagnosis: Diagnosis, t_s: float) -> ProbeState:
     """Note which question is open, and since when."""
     question = diagnosis.open_question
     if question is None:
@@ -210,7 +210,7 @@ def _ask(probe: Probe, diagnosis: Diagnosis, t_s: float) -> Probe:
     return replace(probe, question=question, seen_s=t_s)
 
 
-def _follow(probe: Probe, at: Occasion, period_s: float) -> Probe:
+def _follow(probe: ProbeState, at: Occasion, period_s: float) -> ProbeState:
     """Move the expected deviation of the levels on by one period."""
     linear = probe.linear
     if linear is None:
@@ -226,7 +226,7 @@ def _follow(probe: Probe, at: Occasion, period_s: float) -> Probe:
     return replace(probe, deviation_cm=(d1, d2, d3, d4))
 
 
-def _is_too_soon(config: ProbeConfig, probe: Probe, question: OpenQuestion, at: Occasion, t_s: float) -> bool:
+def _is_too_soon(config: ProbeConfig, probe: ProbeState, question: OpenQuestion, at: Occasion, t_s: float) -> bool:
     """Whether a movement about this alarm has ended a short time ago, and nothing is known that makes another urgent.
 
     A drift that has been declared is reviewed by one movement; a question that nothing has answered is asked again.
@@ -239,7 +239,7 @@ def _is_too_soon(config: ProbeConfig, probe: Probe, question: OpenQuestion, at: 
     return False
 
 
-def _offset(config: ProbeConfig, probe: Probe, since_s: float) -> Pair:
+def _offset(config: ProbeConfig, probe: ProbeState, since_s: float) -> Pair:
     """(2,) V. During the hold: the offsets that keep the deviations of the lower tanks as they are."""
     most_V = config.voltage_V
     if since_s < config.move_s - TOLERANCE_S or probe.linear is None:
@@ -254,7 +254,9 @@ def _offset(config: ProbeConfig, probe: Probe, since_s: float) -> Pair:
     return v1, v2
 
 
-def _begin(config: ProbeConfig, limits: Limits, probe: Probe, question: OpenQuestion, at: Occasion, t_s: float) -> Step:
+def _begin(
+    config: ProbeConfig, limits: Limits, probe: ProbeState, question: OpenQuestion, at: Occasion, t_s: float
+) -> Step:
     levels = at.belief.level_cm or levels_cm(limits, at.inputs, at.belief)
     h1, h2, h3, h4 = (max(h, MIN_LEVEL_CM) for h in levels)
     text = (
@@ -283,7 +285,7 @@ def _begin(config: ProbeConfig, limits: Limits, probe: Probe, question: OpenQues
     return new, (Event(Severity.WARNING, "probe", text, data),)
 
 
-def _wait(probe: Probe, question: OpenQuestion, reason: str) -> Step:
+def _wait(probe: ProbeState, question: OpenQuestion, reason: str) -> Step:
     """Report once why there is no movement yet."""
     if probe.told == reason:
         return probe, ()
@@ -292,7 +294,7 @@ def _wait(probe: Probe, question: OpenQuestion, reason: str) -> Step:
     return replace(probe, told=reason), (Event(Severity.INFO, "probe", text, data),)
 
 
-def _end(probe: Probe, reason: str, t_s: float) -> Step:
+def _end(probe: ProbeState, reason: str, t_s: float) -> Step:
     lasted_s = t_s - probe.begun_s
     data: dict[str, object] = {"state": "end", "alarm": probe.alarm, "reason": reason, "lasted_s": lasted_s}
     event = Event(Severity.INFO, "probe", f"probe ended after {lasted_s:.1f} s: {reason}", data)
@@ -301,7 +303,7 @@ def _end(probe: Probe, reason: str, t_s: float) -> Step:
     return replace(probe, offset_V=REST, begun_s=inf, ended=ended), (event,)
 
 
-def _reason_to_end(config: ProbeConfig, limits: Limits, probe: Probe, at: Occasion, t_s: float) -> str:
+def _reason_to_end(config: ProbeConfig, limits: Limits, probe: ProbeState, at: Occasion, t_s: float) -> str:
     """Why the movement ends at this step; "" while it goes on."""
     if not at.mode.is_controlling:
         return "the loop no longer controls"

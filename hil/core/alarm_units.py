@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from hil.core.pumps import Pumps
-from hil.core.sensors import Sensors
+from hil.core.pumps import PumpPath
+from hil.core.sensors import LevelSensors
 from hil.core.types import Alarm, Quad
 
 DIFFERENCES = ("sensor_bias", "sensor_drift")
@@ -18,14 +18,14 @@ READINGS = ("sensor_stuck", "sensor_open", "sensor_garbage")
 STUCK_ON = "pump_stuck_on"
 
 
-def in_bench_units(alarms: tuple[Alarm, ...], sensors: Sensors, pumps: Pumps) -> tuple[Alarm, ...]:
+def in_bench_units(alarms: tuple[Alarm, ...], sensors: LevelSensors, pumps: PumpPath) -> tuple[Alarm, ...]:
     """The alarms of a detector, as they are reported."""
     if not alarms or (sensors.is_plain and pumps.is_straight):
         return alarms
     return tuple(_converted(alarm, sensors, pumps) for alarm in alarms)
 
 
-def _converted(alarm: Alarm, sensors: Sensors, pumps: Pumps) -> Alarm:
+def _converted(alarm: Alarm, sensors: LevelSensors, pumps: PumpPath) -> Alarm:
     place = alarm.target - 1
     if alarm.kind == STUCK_ON:
         slope = pumps.slope(place, alarm.size)

@@ -10,14 +10,14 @@ from math import inf
 from typing import Any
 
 from hil.core import estimator, start_phase, state_feedback
-from hil.core.active_isolation import IDLE, Probe
+from hil.core.active_isolation import IDLE, ProbeState
 from hil.core.alarm_units import in_bench_units
 from hil.core.diagnosis.detector import FaultDetector
 from hil.core.estimator import Estimate, LevelFilter
 from hil.core.following import HEALTHY, Followed, follow
-from hil.core.pumps import STRAIGHT, Pumps, UnderWay
+from hil.core.pumps import STRAIGHT, PumpPath, UnderWay
 from hil.core.reconfiguration import Reconfiguration
-from hil.core.sensors import PLAIN, Sensors
+from hil.core.sensors import PLAIN, LevelSensors
 from hil.core.start_phase import StartConfig, StartPhase
 from hil.core.state_feedback import ControlLaw
 from hil.core.types import UNRESOLVED, Alarm, Diagnosis, Event, Inputs, Measurement, Pair, Quad, Severity, Waterways
@@ -51,8 +51,8 @@ class LoopConfig:
     reconfigure: bool
     period_s: float
     anti_windup_s: float
-    pumps: Pumps = STRAIGHT
-    sensors: Sensors = PLAIN
+    pumps: PumpPath = STRAIGHT
+    sensors: LevelSensors = PLAIN
     start: StartConfig = field(default_factory=StartConfig)
 
 
@@ -139,7 +139,7 @@ def begin(config: LoopConfig, inputs: Inputs, now_ns: int) -> LoopState:
 
 
 def step(
-    config: LoopConfig, state: LoopState, inputs: Inputs, now_ns: int, probe: Probe = IDLE
+    config: LoopConfig, state: LoopState, inputs: Inputs, now_ns: int, probe: ProbeState = IDLE
 ) -> tuple[LoopState, tuple[Event, ...]]:
     """One step up to the voltages that the law asks for (`raw_V`), the offset of a probe included."""
     t_s = (now_ns - state.started_ns) * 1e-9
@@ -198,7 +198,7 @@ def integrate(config: LoopConfig, state: LoopState, inputs: Inputs, command_V: P
     )
 
 
-def _excess(pumps: Pumps, drive_V: Pair, inputs: Inputs, command_V: Pair) -> Pair:
+def _excess(pumps: PumpPath, drive_V: Pair, inputs: Inputs, command_V: Pair) -> Pair:
     """(2,) drives that were requested minus those that were given."""
     short1, short2 = inputs.pumps.shortfall_V
     (d1, d2), (given1, given2) = drive_V, pumps.drive(command_V)
@@ -267,7 +267,7 @@ def _trusted(measurement: Measurement, trusted: tuple[bool, bool, bool, bool]) -
 
 
 def _feedback_level_cm(
-    config: LoopConfig, measurement: Measurement, diagnosis: Diagnosis, estimate: Estimate, probe: Probe
+    config: LoopConfig, measurement: Measurement, diagnosis: Diagnosis, estimate: Estimate, probe: ProbeState
 ) -> Quad:
     """Readings in cm, (4,), less the movement that a probe is expected to cause.
 

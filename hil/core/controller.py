@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from math import inf, isfinite
 
 from hil.core import active_isolation, closed_loop, start_phase, state_feedback, supervisor
-from hil.core.active_isolation import IDLE, NO_PROBE, Occasion, Probe, ProbeConfig
+from hil.core.active_isolation import IDLE, NO_PROBE, Occasion, ProbeConfig, ProbeState
 from hil.core.closed_loop import TIME_TOLERANCE_S, LoopConfig, LoopState
 from hil.core.dry_watch import DryWatch, watch_dry
 from hil.core.inflow_watch import InflowWatch, watch_inflow
@@ -73,7 +73,7 @@ class ControllerState:
     supervision: Supervision = field(default_factory=Supervision)
     loop: LoopState | None = None
     monitors: Monitors = field(default_factory=Monitors)
-    probe: Probe = IDLE
+    probe: ProbeState = IDLE
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,13 +188,13 @@ def _start_problem(config: ControllerConfig, loop: LoopState, doubts: Doubts, co
 
 def _probe(
     config: ControllerConfig,
-    probe: Probe,
+    probe: ProbeState,
     loop: LoopState,
     mode: Mode,
     inputs: Inputs,
     belief: Belief,
     period_s: float,
-) -> tuple[Probe, tuple[Event, ...]]:
+) -> tuple[ProbeState, tuple[Event, ...]]:
     """One step of the probe, with what it needs to know."""
     t_s = _run_time_s(loop, loop.stepped_ns)
     past = [at_s for at_s, _ in config.loop.references[1:] if at_s <= t_s + TIME_TOLERANCE_S]

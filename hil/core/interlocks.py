@@ -15,7 +15,7 @@ from math import isfinite
 
 from hil.core.live_levels import NONE
 from hil.core.overshoot import peak_levels
-from hil.core.pumps import STRAIGHT, Pumps
+from hil.core.pumps import STRAIGHT, PumpPath
 from hil.core.tanks import TankModel
 from hil.core.types import Diagnosis, Inputs, NodeState, Pair, Quad, TripCause
 
@@ -59,7 +59,7 @@ class Limits:
     stops_on_dead_pump: bool
     stops_on_lost_lower_level: bool
     bypass_max_s: float
-    pumps: Pumps = STRAIGHT
+    pumps: PumpPath = STRAIGHT
 
     @property
     def max_drives(self) -> Pair:

@@ -27,7 +27,7 @@ Piece = tuple[int, int, Pair]
 
 
 @dataclass(frozen=True)
-class Pumps:
+class PumpPath:
     """What lies between the commands and the flow of both pumps, but for gain and lag; the default is straight.
 
     dead_zone_V : (2,) below it a pump gives no flow. curve_1_V : (2,) bend, 1/V. delay_s : (2,) until the flow arrives.
@@ -97,7 +97,7 @@ class Pumps:
         return 1.0 / sqrt(max(1.0 + 4.0 * self.curve_1_V[pump] * max(drive_V, 0.0), 1e-6))
 
 
-STRAIGHT = Pumps()
+STRAIGHT = PumpPath()
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,13 +106,13 @@ class UnderWay:
 
     pieces: tuple[Piece, ...] = ()
 
-    def with_drive(self, pumps: Pumps, from_ns: int, until_ns: int, drive_V: Pair) -> UnderWay:
+    def with_drive(self, pumps: PumpPath, from_ns: int, until_ns: int, drive_V: Pair) -> UnderWay:
         """Add the drives of the last period; what has arrived before it is dropped."""
         oldest_ns = from_ns - round(max(pumps.delay_s) * 1e9)
         kept = tuple(piece for piece in self.pieces if piece[1] > oldest_ns)
         return UnderWay((*kept, (from_ns, until_ns, drive_V)))
 
-    def arrived(self, pumps: Pumps, from_ns: int, until_ns: int) -> Pair:
+    def arrived(self, pumps: PumpPath, from_ns: int, until_ns: int) -> Pair:
         """(2,) mean drives of what arrives in this time; before the first piece, those of the first piece."""
         return self._mean(0, pumps, from_ns, until_ns), self._mean(1, pumps, from_ns, until_ns)
 
@@ -121,7 +121,7 @@ class UnderWay:
         first = max((drive[0] for _, _, drive in self.pieces), default=0.0)
         return first, max((drive[1] for _, _, drive in self.pieces), default=0.0)
 
-    def _mean(self, pump: int, pumps: Pumps, from_ns: int, until_ns: int) -> float:
+    def _mean(self, pump: int, pumps: PumpPath, from_ns: int, until_ns: int) -> float:
         delay_ns = round(pumps.delay_s[pump] * 1e9)
         from_ns, until_ns = from_ns - delay_ns, until_ns - delay_ns
         first_ns, _, first = self.pieces[0]

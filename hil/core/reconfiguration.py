@@ -12,7 +12,7 @@ from scipy.linalg import solve_continuous_lyapunov
 
 from hil.core.eigenstructure import augment
 from hil.core.gain_design import GainDesign, closed_loop_poles, gain_matrix
-from hil.core.pumps import STRAIGHT, Pumps
+from hil.core.pumps import STRAIGHT, PumpPath
 from hil.core.state_feedback import ControlLaw
 from hil.core.tanks import ReachableTarget, TankModel, equilibrium, holding_voltages, linearise, nearest_reachable
 from hil.core.types import Pair, Quad, Waterways
@@ -49,7 +49,7 @@ class Reconfiguration:
     design: GainDesign
     limit_V: Pair
     operating_point_V: Pair
-    pumps: Pumps = STRAIGHT
+    pumps: PumpPath = STRAIGHT
 
     def law(
         self,

@@ -29,7 +29,7 @@ def signal_gain(gain_V_cm: float | Sequence[float]) -> float:
 
 
 @dataclass(frozen=True)
-class Sensors:
+class LevelSensors:
     """The four sensors; by default those of the paper.
 
     gain_V_cm, offset_V : (4,) as above. range_V : smallest and largest valid reading.
@@ -99,4 +99,4 @@ class Sensors:
         return f1 * f1 * s1, f2 * f2 * s2, f3 * f3 * s3, f4 * f4 * s4
 
 
-PLAIN = Sensors()
+PLAIN = LevelSensors()

@@ -23,7 +23,7 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.core.pumps import STRAIGHT, Pumps
+from hil.core.pumps import STRAIGHT, PumpPath
 from hil.core.types import Pair, Quad
 
 Array = NDArray[np.float64]
@@ -253,7 +253,7 @@ class ReachableTarget:
     reason: str
 
 
-def nearest_reachable(model: TankModel, lower_cm: Pair, limit_V: Pair, pumps: Pumps = STRAIGHT) -> ReachableTarget:
+def nearest_reachable(model: TankModel, lower_cm: Pair, limit_V: Pair, pumps: PumpPath = STRAIGHT) -> ReachableTarget:
     """The lower levels nearest to the wanted ones that effective voltages within 0..limit_V can hold.
 
     The reachable set is the image of a rectangle of voltages. A wanted point outside is nearest to the image of

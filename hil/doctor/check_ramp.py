@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hil.core.pumps import Pumps
-from hil.core.sensors import Sensors
+from hil.core.pumps import PumpPath
+from hil.core.sensors import LevelSensors
 from hil.core.tanks import TankModel, level_rates, pump_matrix
 from hil.core.types import Pair, Quad
 from hil.probe.bus_probe import Probe
@@ -58,7 +58,7 @@ def ramp_voltage(t_s: float) -> float:
 TOTAL_S = 2 * RISE_S + HOLD_S
 
 
-def run(probe: Probe, pump: int, sensors: Sensors) -> Ramp:
+def run(probe: Probe, pump: int, sensors: LevelSensors) -> Ramp:
     """Ramp one pump; afterwards, or if an error is raised, command 0 V and disabled."""
     start_cm = levels_cm(probe.listen(REST_S), sensors)
     begin_ns = probe.now_ns
@@ -72,7 +72,7 @@ def run(probe: Probe, pump: int, sensors: Sensors) -> Ramp:
     return Ramp(pump, whole, start_cm, end_cm, (end_ns - begin_ns) * 1e-9 + REST_S)
 
 
-def levels_cm(observation: Observation, sensors: Sensors) -> Quad:
+def levels_cm(observation: Observation, sensors: LevelSensors) -> Quad:
     """Means of the newest readings in cm; NaN if there are none."""
     means_V = []
     for name, tanks in LEVEL_FRAMES.items():
@@ -91,7 +91,7 @@ def may_move(level_cm: Quad, level_max_cm: float) -> bool:
     return all(level < level_max_cm - HEADROOM_CM for level in level_cm)
 
 
-def check_ramp(ramp: Ramp, model: TankModel, pumps: Pumps, lag_s: float, tolerance_V: float) -> list[Result]:
+def check_ramp(ramp: Ramp, model: TankModel, pumps: PumpPath, lag_s: float, tolerance_V: float) -> list[Result]:
     """Applied voltage and level response. lag_s : of the pump. tolerance_V : safety.echo_tolerance_V."""
     return [_check_applied(ramp, tolerance_V), *_check_response(ramp, model, pumps, lag_s)]
 
@@ -121,7 +121,7 @@ def _check_applied(ramp: Ramp, tolerance_V: float) -> Result:
     return passed(check, found)
 
 
-def _check_response(ramp: Ramp, model: TankModel, pumps: Pumps, lag_s: float) -> list[Result]:
+def _check_response(ramp: Ramp, model: TankModel, pumps: PumpPath, lag_s: float) -> list[Result]:
     """The two tanks that the pump feeds."""
     driven, drained = (_predicted(ramp, model, pumps, lag_s, scale) for scale in (1.0, 0.0))
     feeds = pump_matrix(model)[:, ramp.pump]
@@ -149,7 +149,7 @@ def _check_response(ramp: Ramp, model: TankModel, pumps: Pumps, lag_s: float) ->
     return results
 
 
-def _predicted(ramp: Ramp, model: TankModel, pumps: Pumps, lag_s: float, scale: float) -> Quad:
+def _predicted(ramp: Ramp, model: TankModel, pumps: PumpPath, lag_s: float, scale: float) -> Quad:
     """Levels at the end of the ramp by eq. (1), the pump's curve, delay and lag included."""
     h1, h2, h3, h4 = ramp.start_cm
     flow_V, t_s = 0.0, 0.0

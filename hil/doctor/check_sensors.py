@@ -13,7 +13,7 @@ from math import sqrt
 from statistics import fmean
 
 from hil.core.counted import counted
-from hil.core.sensors import Sensors
+from hil.core.sensors import LevelSensors
 from hil.core.tanks import TankModel, level_rates
 from hil.core.types import Pair, Quad
 from hil.probe.observation import LEVEL_FRAMES, Observation
@@ -70,7 +70,7 @@ class Channel:
         return fmean(self.signals_V) < self.lowest_V + EMPTY_NOISES * self.signal_noise
 
 
-def channel_of(tank: int, readings_V: list[float], sensors: Sensors, noise_V: Quad, model: TankModel) -> Channel:
+def channel_of(tank: int, readings_V: list[float], sensors: LevelSensors, noise_V: Quad, model: TankModel) -> Channel:
     """The channel of a tank (1 to 4) with these readings."""
     ends_V = [sensors.signals((end, end, end, end))[tank - 1] for end in sensors.range_V]
     return Channel(
@@ -84,7 +84,7 @@ def channel_of(tank: int, readings_V: list[float], sensors: Sensors, noise_V: Qu
     )
 
 
-def check_sensors(observation: Observation, sensors: Sensors, noise_V: Quad, model: TankModel) -> list[Result]:
+def check_sensors(observation: Observation, sensors: LevelSensors, noise_V: Quad, model: TankModel) -> list[Result]:
     """Range, zero and noise of the four channels."""
     results = []
     falls_V = expected_falls(observation, sensors, model)
@@ -120,7 +120,7 @@ def check_range(tank: int, readings_V: list[float], statuses: list[int], range_V
     return passed(check, f"{mean_V:.3f} V, {min(readings_V):.3f} to {max(readings_V):.3f} V")
 
 
-def expected_falls(observation: Observation, sensors: Sensors, model: TankModel) -> Quad:
+def expected_falls(observation: Observation, sensors: LevelSensors, model: TankModel) -> Quad:
     """(4,) by how many V each level signal falls from the first to the last quarter of the observation, by eq. (1)."""
     first_V, seconds = [], 0.0
     for name, tanks in LEVEL_FRAMES.items():

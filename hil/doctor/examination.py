@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hil.core.pumps import Pumps
-from hil.core.sensors import Sensors
+from hil.core.pumps import PumpPath
+from hil.core.sensors import LevelSensors
 from hil.core.tanks import TankModel
 from hil.core.types import NodeState, Pair, Quad
 from hil.doctor import check_echo, check_ramp, check_watchdog
@@ -31,8 +31,8 @@ class Expectations:
 
     model: TankModel
     lag_s: Pair
-    pumps: Pumps
-    sensors: Sensors
+    pumps: PumpPath
+    sensors: LevelSensors
     rate_V_s: float
     noise_V: Quad
     level_max_cm: float

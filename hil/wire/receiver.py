@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 from math import inf, nan
 
-from hil.core.sensors import Sensors
+from hil.core.sensors import LevelSensors
 from hil.core.types import BusHealth, Measurement, NodeHealth, NodeState, Pair, PumpFeedback
 from hil.wire.command_sender import CommandSender
 from hil.wire.contract import Contract, Decoded
@@ -116,13 +116,13 @@ class Receiver:
     """Checks and decodes the bench's frames; holds the inputs of the next control step."""
 
     def __init__(
-        self, contract: Contract, sender: CommandSender, sensor_range_V: Pair, sensors: Sensors | None = None
+        self, contract: Contract, sender: CommandSender, sensor_range_V: Pair, sensors: LevelSensors | None = None
     ) -> None:
         """sensor_range_V : readings outside it are not valid, even if the node reports them as valid.
 
         sensors : what the readings mean; None: level signals are the readings.
         """
-        self._sensors = sensors or Sensors()
+        self._sensors = sensors or LevelSensors()
         self._checks = tuple(FrameCheck(spec) for spec in contract.frames.values())
         self._fingerprint = contract.fingerprint
         self._sender = sender

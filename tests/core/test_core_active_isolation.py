@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hil.core import active_isolation
-from hil.core.active_isolation import IDLE, Occasion, Probe, ProbeConfig, rise_cm
+from hil.core.active_isolation import IDLE, Occasion, ProbeConfig, ProbeState, rise_cm
 from hil.core.controller import ControllerConfig
 from hil.core.estimator import Estimate
 from hil.core.interlocks import Belief
@@ -259,7 +259,7 @@ def test_a_level_that_a_sensor_without_trust_shows_counts() -> None:
     assert active_isolation.reason_to_wait(ALLOWED, LIMITS, QUESTION, at, 0.0) == "a level is too high"
 
 
-def begun() -> Probe:
+def begun() -> ProbeState:
     probe, _ = active_isolation.step(ALLOWED, LIMITS, IDLE, occasion(), 0.0, 0.1)
     probe, _ = active_isolation.step(ALLOWED, LIMITS, probe, occasion(), 10.0, 0.1)
     assert probe.is_moving

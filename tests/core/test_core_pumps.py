@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 from firmware_sim import settings as emulator
 from hil.core import closed_loop, controller
 from hil.core.closed_loop import LoopState
-from hil.core.pumps import STRAIGHT, Pumps, UnderWay
+from hil.core.pumps import STRAIGHT, PumpPath, UnderWay
 from hil.core.reconfiguration import Reconfiguration
 from hil.core.types import NodeState, Pair
 from tests.core.core_bench import BENCH, PERIOD_S, bench_loop, controller_config, inputs, rig_design, volts
 from tests.narrowing import pair
 
-BENT = Pumps(dead_zone_V=(0.5, 0.3), curve_1_V=(0.03, -0.02))
+BENT = PumpPath(dead_zone_V=(0.5, 0.3), curve_1_V=(0.03, -0.02))
 SECOND = 1_000_000_000
 VOLT = st.floats(0.0, 10.0)
 ZONES = st.tuples(st.floats(0.0, 2.0), st.floats(0.0, 2.0))
@@ -26,12 +26,12 @@ CURVES = st.tuples(st.floats(-0.045, 0.2), st.floats(-0.045, 0.2))
 def test_the_drive_is_the_flow_that_the_emulator_gives_over_its_gain(zones: Pair, curves: Pair, at_V: Pair) -> None:
     shipped = emulator.load(emulator.default_config_dir() / "emulator.toml")[0].pumps
     theirs = shipped.model_copy(update={"dead_zone_V": zones, "curve_1_V": curves})
-    assert Pumps(zones, curves).drive(at_V) == pytest.approx(theirs.flow_voltages(at_V), rel=1e-12)
+    assert PumpPath(zones, curves).drive(at_V) == pytest.approx(theirs.flow_voltages(at_V), rel=1e-12)
 
 
 @given(ZONES, CURVES, st.tuples(VOLT, VOLT))
 def test_the_voltage_of_a_drive_gives_that_drive(zones: Pair, curves: Pair, at_V: Pair) -> None:
-    pumps = Pumps(zones, curves)
+    pumps = PumpPath(zones, curves)
     drive = pumps.drive(at_V)
     assert pumps.drive(pumps.voltage(drive)) == pytest.approx(drive, abs=1e-9)
     for pump in (0, 1):
@@ -47,7 +47,7 @@ def test_a_pump_that_shall_give_nothing_is_off_and_not_at_the_edge_of_its_dead_z
 
 @given(CURVES, st.floats(0.1, 8.0))
 def test_the_slope_is_that_of_the_voltage_over_the_drive(curves: Pair, drive: float) -> None:
-    pumps = Pumps((0.5, 0.5), curves)
+    pumps = PumpPath((0.5, 0.5), curves)
     for pump in (0, 1):
         assume(1.0 + 4.0 * curves[pump] * drive > 0.05)
         up, down = (pumps.voltage((drive + d, drive + d))[pump] for d in (1e-5, -1e-5))
@@ -55,7 +55,7 @@ def test_the_slope_is_that_of_the_voltage_over_the_drive(curves: Pair, drive: fl
 
 
 def test_a_drive_out_of_reach_is_a_voltage_at_the_end_of_the_range() -> None:
-    concave = Pumps(curve_1_V=(-0.04, -0.04))
+    concave = PumpPath(curve_1_V=(-0.04, -0.04))
     assert math.isfinite(concave.voltage((50.0, 50.0))[0])
     assert concave.within_range(0, 50.0) == 10.0
     assert BENT.within_range(0, 50.0) == 10.0
@@ -73,7 +73,7 @@ def test_a_straight_pump_is_left_alone() -> None:
     assert STRAIGHT.slope(0, 3.0) == 1.0
 
 
-def played(pumps: Pumps, drives: list[Pair], period_ns: int) -> list[Pair]:
+def played(pumps: PumpPath, drives: list[Pair], period_ns: int) -> list[Pair]:
     """What arrives in each period, with these drives one after the other and nothing before."""
     way, arrived = UnderWay(((-1, 0, (0.0, 0.0)),)), []
     for number, drive in enumerate(drives):
@@ -84,7 +84,7 @@ def played(pumps: Pumps, drives: list[Pair], period_ns: int) -> list[Pair]:
 
 
 def test_what_a_pump_gives_arrives_after_its_delay_each_pump_its_own() -> None:
-    arrived = played(Pumps(delay_s=(0.2, 0.05)), [(4.0, 4.0)] * 2 + [(1.0, 2.0)] * 3, SECOND // 10)
+    arrived = played(PumpPath(delay_s=(0.2, 0.05)), [(4.0, 4.0)] * 2 + [(1.0, 2.0)] * 3, SECOND // 10)
     assert [first for first, _ in arrived] == pytest.approx([0.0, 0.0, 4.0, 4.0, 1.0])
     assert [second for _, second in arrived] == pytest.approx([2.0, 4.0, 3.0, 2.0, 2.0])
 
@@ -92,13 +92,13 @@ def test_what_a_pump_gives_arrives_after_its_delay_each_pump_its_own() -> None:
 @given(st.lists(st.tuples(VOLT, VOLT), min_size=1, max_size=30), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
 def test_no_water_is_lost_on_the_way(drives: list[Pair], first_s: float, second_s: float) -> None:
     after = [(0.0, 0.0)] * 12
-    arrived = played(Pumps(delay_s=(first_s, second_s)), drives + after, SECOND // 10)
+    arrived = played(PumpPath(delay_s=(first_s, second_s)), drives + after, SECOND // 10)
     for pump in (0, 1):
         assert sum(a[pump] for a in arrived) == pytest.approx(sum(d[pump] for d in drives), abs=1e-6)
 
 
 def test_the_largest_drive_under_way_is_known_until_it_has_arrived() -> None:
-    pumps, way = Pumps(delay_s=(0.2, 0.2)), UnderWay()
+    pumps, way = PumpPath(delay_s=(0.2, 0.2)), UnderWay()
     assert way.largest() == (0.0, 0.0)
     for number, drive in enumerate([(8.0, 1.0), (0.0, 2.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)]):
         way = way.with_drive(pumps, number * SECOND // 10, (number + 1) * SECOND // 10, drive)
@@ -108,7 +108,7 @@ def test_the_largest_drive_under_way_is_known_until_it_has_arrived() -> None:
 # in the law
 
 
-def stepped(pumps: Pumps, limit_V: Pair, level_cm: tuple[float, ...]) -> LoopState:
+def stepped(pumps: PumpPath, limit_V: Pair, level_cm: tuple[float, ...]) -> LoopState:
     """The loop after a second at these levels, with nothing applied."""
     loop = bench_loop(pumps=pumps, reconfiguration=Reconfiguration(BENCH, rig_design(), limit_V, (3.0, 3.0), pumps))
     state = closed_loop.begin(loop, inputs(volts(level_cm)), 0)
@@ -134,7 +134,7 @@ def test_a_target_out_of_reach_is_told_in_volts_of_the_pump() -> None:
 
 
 @pytest.mark.parametrize("pumps", [STRAIGHT, BENT])
-def test_anti_windup_follows_what_the_pump_gave(pumps: Pumps) -> None:
+def test_anti_windup_follows_what_the_pump_gave(pumps: PumpPath) -> None:
     """The integrals end where they would with straight pumps at the same drives."""
     state = stepped(pumps, pumps.max_drives, (5.0, 5.0, 0.5, 0.5))
     loop = bench_loop(pumps=pumps)

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hil.core.alarm_units import in_bench_units
-from hil.core.pumps import STRAIGHT, Pumps
-from hil.core.sensors import PLAIN, Sensors, signal_gain
+from hil.core.pumps import STRAIGHT, PumpPath
+from hil.core.sensors import PLAIN, LevelSensors, signal_gain
 from hil.core.types import Alarm, Measurement, Quad
 from hil.wire.command_sender import CommandSender
 from hil.wire.receiver import Receiver
@@ -19,7 +19,7 @@ GAIN = st.one_of(st.floats(0.02, 2.0), st.floats(-2.0, -0.02))
 GAINS = st.tuples(GAIN, GAIN, GAIN, GAIN)
 OFFSETS = st.tuples(*[st.floats(-10.0, 10.0)] * 4)
 LEVELS = st.tuples(*[st.floats(0.0, 20.0)] * 4)
-MIXED = Sensors((-0.45, 0.5, 0.05, -0.05), (9.5, 0.1, 1.0, 8.0))
+MIXED = LevelSensors((-0.45, 0.5, 0.05, -0.05), (9.5, 0.1, 1.0, 8.0))
 ALL = (True, True, True, True)
 
 
@@ -27,7 +27,7 @@ ALL = (True, True, True, True)
 def test_a_level_signal_is_one_gain_times_the_level_whatever_the_sensor(
     gains: Quad, offsets: Quad, level_cm: Quad
 ) -> None:
-    sensors = Sensors(gains, offsets)
+    sensors = LevelSensors(gains, offsets)
     readings = quad(o + g * h for o, g, h in zip(offsets, gains, level_cm, strict=True))
     signals = sensors.signals(readings)
     assert signals == pytest.approx([sensors.signal_gain * h for h in level_cm], abs=1e-6)
@@ -37,8 +37,8 @@ def test_a_level_signal_is_one_gain_times_the_level_whatever_the_sensor(
 def test_the_gain_of_the_signals_is_the_sensors_own_if_they_share_a_positive_one() -> None:
     assert signal_gain(0.3) == signal_gain([0.3] * 4) == 0.3
     assert signal_gain(-0.3) == signal_gain([0.3, 0.3, 0.3, 0.31]) == signal_gain([-0.3] * 4) == 0.5
-    assert Sensors((0.3,) * 4).is_plain
-    assert not Sensors((0.3,) * 4, (0.0, 0.0, 0.0, 1.0)).is_plain
+    assert LevelSensors((0.3,) * 4).is_plain
+    assert not LevelSensors((0.3,) * 4, (0.0, 0.0, 0.0, 1.0)).is_plain
     assert not MIXED.is_plain
 
 
@@ -61,7 +61,7 @@ def test_plain_sensors_leave_a_measurement_alone() -> None:
 
 def test_the_lowest_signal_is_that_of_the_end_at_which_a_tank_is_empty() -> None:
     """A rising sensor is cut off at the lower end of its range, a falling one at the upper end."""
-    low = Sensors((0.5, 0.5, -0.5, -0.5), (-1.0, 1.0, 11.24, 9.0), (0.0, 10.24)).lowest_signals
+    low = LevelSensors((0.5, 0.5, -0.5, -0.5), (-1.0, 1.0, 11.24, 9.0), (0.0, 10.24)).lowest_signals
     assert low == pytest.approx((1.0, -1.0, 1.0, -1.24))
 
 
@@ -103,7 +103,7 @@ def test_an_alarm_of_a_sensor_is_in_volts_of_that_sensor(
 
 
 def test_a_stuck_pump_is_told_as_a_voltage_within_its_range() -> None:
-    pumps = Pumps((0.5, 0.5), (0.03, 0.03))
+    pumps = PumpPath((0.5, 0.5), (0.03, 0.03))
     (told,) = in_bench_units((alarm("pump_stuck_on", 2, pumps.drive((4.0, 4.0))[1]),), PLAIN, pumps)
     assert told.size == pytest.approx(4.0)
     assert told.size_std == pytest.approx(0.1 * pumps.slope(1, pumps.drive((4.0, 4.0))[1]))

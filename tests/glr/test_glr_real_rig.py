@@ -13,7 +13,7 @@ from hil.core.diagnosis.glr.filter import PERIOD, READING, VOLTAGE
 from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
 from hil.core.diagnosis.glr.model import GAIN, LAG, LEAK, LEVEL, MOVING, OUTLET, PUMP, SCALE, SPLIT, N, predict
 from hil.core.diagnosis.glr.tuning import Tuning
-from hil.core.sensors import Sensors
+from hil.core.sensors import LevelSensors
 from hil.core.tanks import level_rates
 from hil.core.types import Measurement
 from hil.core.uncertainty import Uncertainty
@@ -22,7 +22,7 @@ from tests.glr.test_glr_filter import a_state
 from tests.narrowing import quad
 
 DEEP = replace(MODEL, datum_cm=(5.0, 4.0, 3.0, 2.0), height_cm=(20.0, 21.0, 22.0, 23.0))
-MIXED = Sensors((-0.45, 0.5, 0.05, -0.05), (9.5, 0.1, -1.0, 10.34))
+MIXED = LevelSensors((-0.45, 0.5, 0.05, -0.05), (9.5, 0.1, -1.0, 10.34))
 NOISE = (0.0045, 0.005, 0.0005, 0.001)
 CONFIG = DetectorConfig.of(DEEP, (0.3, 0.6), MIXED.scaled(NOISE), Tuning(), sensors=MIXED)
 PLAIN = DetectorConfig.of(MODEL, (0.2, 0.2), (0.005,) * 4, Tuning())

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hil.core import interlocks, supervisor
 from hil.core.interlocks import BYPASSABLE, INTERLOCKS, NO_BELIEF, Belief, Interlock, Reaction, Situation
 from hil.core.live_levels import NONE
-from hil.core.pumps import Pumps
+from hil.core.pumps import PumpPath
 from hil.core.supervisor import OFF, Supervision
 from hil.core.types import Action, Diagnosis, Event, Inputs, Mode, NodeState, Pair, Request, Severity, TripCause
 from tests.narrowing import quad
@@ -714,7 +714,7 @@ def test_every_tank_has_its_own_rim(tank: int) -> None:
 
 def test_what_a_pump_still_delivers_is_counted_by_its_curve() -> None:
     """Command and applied voltage are volts; what arrives by the model is a drive already."""
-    pumps = Pumps((0.5, 0.5), (0.1, 0.05))
+    pumps = PumpPath((0.5, 0.5), (0.1, 0.05))
     limits = replace(LIMITS, pumps=pumps)
     drives = pumps.drive((3.0, 4.0))
     seen = but(HEALTHY, "pumps", applied_V=(3.0, 1.0))

@@ -7,8 +7,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from hil.core.pumps import Pumps as PumpPath
-from hil.core.sensors import Sensors as LevelSensors
+from hil.core.pumps import PumpPath
+from hil.core.sensors import LevelSensors
 from hil.core.start_phase import When
 from hil.core.tanks import TankModel, equilibrium
 from hil.core.types import Pair, Quad

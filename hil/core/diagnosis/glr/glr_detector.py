@@ -33,7 +33,7 @@ from hil.core.diagnosis.glr.model import LAG, LEVEL
 from hil.core.diagnosis.glr.replay import RING
 from hil.core.diagnosis.glr.tuning import Tuning
 from hil.core.estimator import Estimate
-from hil.core.sensors import PLAIN, Sensors
+from hil.core.sensors import PLAIN, LevelSensors
 from hil.core.tanks import TankModel
 from hil.core.types import Alarm, Diagnosis, Measurement, Pair, Quad
 from hil.core.uncertainty import Uncertainty
@@ -65,7 +65,7 @@ class GlrDetector:
         noise_V: float | Quad,
         tuning: Tuning | None = None,
         range_V: tuple[Pair, Pair] = ((0.0, 10.0), (0.0, 10.0)),
-        sensors: Sensors = PLAIN,
+        sensors: LevelSensors = PLAIN,
         uncertainty: Uncertainty | None = None,
     ) -> None:
         """lag_s : one, or each pump's. noise_V : of level signals, one, or each sensor's. range_V : of the drives.

@@ -34,7 +34,7 @@ from hil.core.diagnosis.glr.prior import prior_of, wide_prior_of
 from hil.core.diagnosis.glr.replay import RING, History, Replays
 from hil.core.diagnosis.glr.sensor_statistics import SensorStatistics
 from hil.core.diagnosis.glr.tuning import Tuning
-from hil.core.sensors import PLAIN, Sensors
+from hil.core.sensors import PLAIN, LevelSensors
 from hil.core.tanks import TankModel
 from hil.core.types import Measurement, Pair, Quad
 from hil.core.uncertainty import Uncertainty
@@ -79,7 +79,7 @@ class DetectorConfig:
         noise_V: Quad,
         tuning: Tuning,
         range_V: tuple[Pair, Pair] = ((0.0, 10.0), (0.0, 10.0)),
-        sensors: Sensors = PLAIN,
+        sensors: LevelSensors = PLAIN,
         uncertainty: Uncertainty | None = None,
     ) -> DetectorConfig:
         """From the rig file's numbers. uncertainty : None for that of the tuning."""
