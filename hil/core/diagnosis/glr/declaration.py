@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from math import inf, nan, sqrt
 
-from hil.core.diagnosis.glr import growth, inflow_check, stuck_check
+from hil.core.diagnosis.glr import growth, inflow_check, strength, stuck_check
 from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE
 from hil.core.diagnosis.glr.growth import NO_GROWTH
 from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, PUMPS, SPLITS
@@ -196,12 +196,12 @@ def close(m: Memory, suspicion: Suspicion, alarms: list[Alarm]) -> list[Alarm]:
 
 
 def effectiveness(m: Memory) -> Pair:
-    """(2,) each pump's gain over the healthy one; exactly 1 unless a change was declared."""
-    left = [1.0, 1.0]
+    """(2,) each pump's gain over that of the rig file; exactly 1 unless a difference or a change was declared."""
+    left = list(strength.effectiveness(m))
     for pump in PUMPS:
         fault = m.declared.get(pump)
         if fault is not None and fault.kind == "pump_effectiveness":
-            left[pump] = min(max(float(m.x[GAIN + pump]) / fault.healthy, 0.0), MAX_EFFECTIVENESS)
+            left[pump] *= min(max(float(m.x[GAIN + pump]) / fault.healthy, 0.0), MAX_EFFECTIVENESS)
     return left[0], left[1]
 
 

@@ -24,6 +24,7 @@ from hil.core.diagnosis.glr import (
     isolation,
     kernels,
     sensor_monitor,
+    strength,
     stuck_check,
 )
 from hil.core.diagnosis.glr.filter import DOUBT, PERIOD
@@ -109,6 +110,7 @@ class GlrDetector:
         if m.suspicion is not None:
             alarms += isolation.isolate(config, m, m.suspicion)
         alarms += declaration.follow_growth(config, m)
+        alarms += strength.step(m)
         declaration.watch_unproven(m)
         return m, self._diagnosis(m, alarms)
 
@@ -190,7 +192,7 @@ class GlrDetector:
         h1, h2, h3, h4 = m.x[LEVEL : LEVEL + 4].tolist()
         level_V = (gain * h1, gain * h2, gain * h3, gain * h4)
         w1, w2, w3, w4 = np.sqrt(m.noise.walk).tolist()
-        if not m.declared and not m.lost:
+        if not m.declared and not m.lost and not m.strength:
             return Diagnosis(
                 new_alarms=tuple(alarms),
                 level_V=level_V,

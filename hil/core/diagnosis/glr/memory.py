@@ -177,6 +177,14 @@ class Wide:
     relearned_s: float = 0.0
 
 
+class Strength(NamedTuple):
+    """A pump that was reported to give another share than its file says, see `strength`: its alarm, and that share."""
+
+    number: int
+    detected_s: float
+    share: float
+
+
 @dataclass(slots=True)
 class StuckCheck:
     """A pump whose gain has changed, checked for being stuck, with the filter of a pump whose flow stays as it is.
@@ -274,7 +282,8 @@ class Memory:
     itself so often that it may be stuck. mean_square : running mean square of the whitened innovations. verdicts_s :
     run times of the latest verdicts. rival : to the latest drift. checkpoint : from before the latest verdict. unproven
     : the pump that was at rest when the other one failed, and for how long it has been driven since; None when both are
-    known to work.
+    known to work. strength : pumps that were reported to give another share than the file says. steady_s : (2,) for how
+    long a difference from that has been known.
     """
 
     x: Array
@@ -313,6 +322,8 @@ class Memory:
     unproven: tuple[int, float] | None = None
     wide: Wide | None = None
     is_wide: bool = False
+    strength: dict[int, Strength] = field(default_factory=dict)
+    steady_s: list[float] = field(default_factory=lambda: [0.0, 0.0])
     relearned_s: float = 0.0
 
     @classmethod

@@ -1,0 +1,89 @@
+"""Pumps that steadily give more or less than the rig file says.
+
+The filter learns such a pump without an alarm, see `first_day`. Once it is known well enough, it is reported as
+`pump_effectiveness`, which may be above 1, and the control law uses it: the operating voltages are wrong by as much.
+"""
+
+from __future__ import annotations
+
+from math import nan, sqrt
+
+import numpy as np
+
+from hil.core.diagnosis.glr import kernels
+from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE
+from hil.core.diagnosis.glr.hypotheses import PUMPS
+from hil.core.diagnosis.glr.memory import Memory, Strength
+from hil.core.diagnosis.glr.model import BEND, SCALE, ZONE
+from hil.core.types import Alarm, Pair
+
+MIN_DIFFERENCE, CHANGE = 0.1, 0.05
+"""Of what a pump gives, over what its file says: what is reported, and the change of it that is reported again."""
+
+MAX_STD, SURE_STDS = 0.02, 4.0
+HOLD_S = 10.0
+"""So well must it be known, and for so long."""
+
+MIN_VOLTAGE_V = 1.0
+"""At a smaller voltage the dead zone decides."""
+
+MAX_STRENGTH = 2.0
+"""The control law assumes no more."""
+
+
+def step(m: Memory) -> list[Alarm]:
+    """One step; the alarms of pumps that are known by now."""
+    alarms = []
+    for pump in PUMPS:
+        told = m.strength.get(pump)
+        share, std = _share(m, pump)
+        difference = share - (told.share if told else 1.0)
+        least = CHANGE if told else MIN_DIFFERENCE
+        is_clear = std <= MAX_STD and abs(difference) >= max(least, SURE_STDS * std)
+        is_busy = m.suspicion is not None or pump in m.declared or float(m.entry[VOLTAGE + pump]) < MIN_VOLTAGE_V
+        m.steady_s[pump] = m.steady_s[pump] + float(m.entry[PERIOD]) if is_clear and not is_busy else 0.0
+        if m.steady_s[pump] >= HOLD_S:
+            m.steady_s[pump] = 0.0
+            alarms.append(_report(m, pump, share, std))
+    return alarms
+
+
+def effectiveness(m: Memory) -> Pair:
+    """(2,) what each pump gives over what its file says, as reported; 1 if nothing was."""
+    first, second = (m.strength[pump].share if pump in m.strength else 1.0 for pump in PUMPS)
+    return first, second
+
+
+def _report(m: Memory, pump: int, share: float, std: float) -> Alarm:
+    told = m.strength.get(pump)
+    if told is None:
+        m.alarms += 1
+        told = Strength(number=m.alarms, detected_s=m.t_s, share=1.0)
+    is_recovery = abs(share - 1.0) < CHANGE
+    if is_recovery:
+        m.strength.pop(pump, None)
+    else:
+        m.strength[pump] = told._replace(share=min(share, MAX_STRENGTH))
+    return Alarm(
+        detected_s=told.detected_s,
+        kind="pump_effectiveness",
+        target=pump + 1,
+        size=share,
+        size_std=std,
+        onset_s=nan,
+        isolated_s=m.t_s,
+        candidates=(f"pump_effectiveness {pump + 1}",),
+        number=told.number,
+        is_recovery=is_recovery,
+    )
+
+
+def _share(m: Memory, pump: int) -> tuple[float, float]:
+    """What a pump gives at its present voltage, over what its file says, and the standard deviation of that."""
+    voltage_V = max(float(m.entry[VOLTAGE + pump]), MIN_VOLTAGE_V)
+    flow_V, by_zone, by_bend = kernels.flow_voltage(m.x, pump, voltage_V)
+    scale = float(m.x[SCALE + pump])
+    states = [SCALE + pump, ZONE + pump, BEND + pump]
+    slope = np.array([flow_V, scale * by_zone, scale * by_bend]) / voltage_V
+    variance = float(slope @ m.P[np.ix_(states, states)] @ slope)
+    return scale * flow_V / voltage_V, sqrt(max(variance, 0.0))

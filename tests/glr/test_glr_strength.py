@@ -1,0 +1,75 @@
+"""A pump that steadily gives more or less than its file says is reported, once it is known well enough."""
+
+from __future__ import annotations
+
+import pytest
+
+from hil.core.diagnosis.glr import declaration, strength
+from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE
+from hil.core.diagnosis.glr.memory import Memory, Suspicion
+from hil.core.diagnosis.glr.model import SCALE, ZONE
+from hil.core.types import Alarm, Measurement
+from tests.glr.glr_bench import DETECTOR
+
+
+def a_memory(share: float, std: float) -> Memory:
+    """A run at 3 V whose filter has learned what pump 1 gives."""
+    reading = Measurement((6.2, 6.4, 0.8, 0.7), (True,) * 4, 0.0, 5)
+    m = Memory.begin(DETECTOR.config, 0.0, reading, (3.0, 3.0))
+    m.entry[VOLTAGE : VOLTAGE + 2], m.entry[PERIOD] = 3.0, 0.1
+    m.P[SCALE, SCALE] = std**2
+    m.x[SCALE] = share
+    return m
+
+
+def alarms_of(m: Memory, seconds: float) -> list[Alarm]:
+    """What is reported in this time."""
+    return [alarm for _ in range(round(10.0 * seconds)) for alarm in strength.step(m)]
+
+
+@pytest.mark.parametrize("share", [0.7, 0.85, 1.15, 1.3])
+def test_a_known_difference_is_reported_once_and_the_law_uses_it(share: float) -> None:
+    m = a_memory(share, 0.01)
+    (alarm,) = alarms_of(m, 60.0)
+    assert (alarm.kind, alarm.target, alarm.number) == ("pump_effectiveness", 1, 1)
+    assert alarm.size == pytest.approx(share)
+    assert alarm.size_std == pytest.approx(0.01)
+    assert declaration.effectiveness(m) == pytest.approx((share, 1.0))
+
+
+@pytest.mark.parametrize(("share", "std"), [(1.08, 0.01), (1.15, 0.03), (1.0, 0.01)])
+def test_what_is_small_or_hardly_known_is_not(share: float, std: float) -> None:
+    m = a_memory(share, std)
+    assert alarms_of(m, 60.0) == []
+    assert declaration.effectiveness(m) == (1.0, 1.0)
+
+
+def test_nothing_is_reported_while_an_alarm_is_open_or_a_pump_stands_still() -> None:
+    m = a_memory(1.2, 0.01)
+    m.suspicion = Suspicion(number=1, detected_s=0.0)
+    assert alarms_of(m, 30.0) == []
+    m.suspicion = None
+    m.entry[VOLTAGE] = 0.5
+    assert alarms_of(m, 30.0) == []
+    m.entry[VOLTAGE] = 3.0
+    assert alarms_of(m, 9.0) == [], "a part of the time only"
+    assert len(alarms_of(m, 2.0)) == 1
+
+
+def test_a_change_keeps_the_number_and_the_file_s_share_ends_it() -> None:
+    m = a_memory(0.8, 0.01)
+    first = alarms_of(m, 15.0)
+    m.x[SCALE] = 0.74
+    second = alarms_of(m, 15.0)
+    m.x[SCALE] = 1.01
+    third = alarms_of(m, 15.0)
+    assert [alarm.number for alarm in (*first, *second, *third)] == [1, 1, 1]
+    assert [alarm.is_recovery for alarm in (*first, *second, *third)] == [False, False, True]
+    assert declaration.effectiveness(m) == (1.0, 1.0)
+
+
+def test_a_dead_zone_counts_at_the_voltage_at_which_the_pump_runs() -> None:
+    m = a_memory(1.0, 0.005)
+    m.x[ZONE] = 0.6
+    (alarm,) = alarms_of(m, 60.0)
+    assert alarm.size == pytest.approx(0.8)
