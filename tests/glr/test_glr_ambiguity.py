@@ -122,3 +122,23 @@ def test_a_drift_too_small_to_be_declared_is_not_replaced_by_what_is_far_behind(
     assert not ambiguity.is_led_by_small(m, 0)
     assert not ambiguity.is_led_by_small(m, drift_of(1))
     assert H > 0
+
+
+@pytest.mark.parametrize("tank", [1, 2])
+def test_a_leak_that_hardly_leads_the_drift_is_declared_as_the_drift(tank: int) -> None:
+    """A second fault cut the time short: a falling drift was called a leak, and the tank would have filled."""
+    m, outlet, drift = memory(), outlet_of(tank), drift_of(tank)
+    evidence = np.zeros(H + 1)
+    evidence[outlet], evidence[drift] = 30.0, 30.0 - 0.9 * Tuning().margin
+    m.replays.x[outlet, OUTLET + tank - 1] = 0.2
+    assert ambiguity.safer(CONFIG, m, outlet, evidence) == drift
+    assert ambiguity.safer(CONFIG, m, drift, evidence) == drift
+    evidence[drift] = 30.0 - 1.1 * Tuning().margin
+    assert ambiguity.safer(CONFIG, m, outlet, evidence) == outlet, "it leads by the margin"
+
+
+@pytest.mark.parametrize("number", [0, BOTH, outlet_of(1)])
+def test_what_does_not_fill_a_tank_stays_as_it_is(number: int) -> None:
+    m = memory()
+    m.replays.x[outlet_of(1), OUTLET] = -0.2
+    assert ambiguity.safer(CONFIG, m, number, np.zeros(H + 1)) == number

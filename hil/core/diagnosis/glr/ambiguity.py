@@ -12,7 +12,7 @@ import numpy as np
 from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE
 from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, H, drift_of, outlet_of
 from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
-from hil.core.diagnosis.glr.model import BIAS, DRIFT, LEVEL, OUTLET
+from hil.core.diagnosis.glr.model import BIAS, DRIFT, LEVEL, OUTLET, Array
 from hil.core.types import OpenQuestion
 
 LOWER = 2
@@ -50,6 +50,19 @@ def is_drift_or_level(config: DetectorConfig, m: Memory, number: int, *, is_late
     grows = r.target[number] == JUMPS[number].state
     margin = tuning.drift_margin * (1.0 if has_moved(m) else GROWTH_MARGIN)
     return lead < margin if grows else is_late and lead < tuning.margin
+
+
+def safer(config: DetectorConfig, m: Memory, number: int, evidence: Array) -> int:
+    """What to declare of a drift and a leak of the same lower tank where one of them must be declared: the drift.
+
+    A drift keeps the sensor's veto on a high level. A falling drift that is taken for a leak lets the tank fill.
+    """
+    if number == BOTH or not OUTLET <= JUMPS[number].state < OUTLET + LOWER:
+        return number
+    state = JUMPS[number].state
+    is_leak = m.replays.x[number, state] > m.replays.before[number, state]
+    drift = drift_of(JUMPS[number].target)
+    return drift if is_leak and evidence[number] - evidence[drift] < config.tuning.margin else number
 
 
 def watch_movement(m: Memory) -> None:

@@ -96,7 +96,7 @@ def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Ala
     is_late = m.t_s - suspicion.detected_s >= tuning.resolve_within_s
     is_overtaken = _is_overtaken(config, m, order[0]) and not m.is_doubtful
     if winner is None and ((is_late and evidence[order[0]] > NO_EVIDENCE) or is_overtaken):
-        winner = order[0]
+        winner = ambiguity.safer(config, m, order[0], evidence) if is_overtaken else order[0]
     if is_late and winner is not None and not is_overtaken and ambiguity.is_led_by_small(m, winner):
         winner = None
     if winner is not None and not is_overtaken and ambiguity.is_drift_or_level(config, m, winner, is_late=is_late):
