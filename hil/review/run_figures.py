@@ -104,7 +104,8 @@ def actuator_gains(trace: Trace) -> str:
         axes.plot(
             *thin(times_s, trace.ticks[f"theta{pump}"]), color=color, dashes=dashes, label=f"pump {pump}, diagnosed"
         )
-    axes.set_ylim(-0.03, 1.12)
+    most = max(float(np.max(trace.ticks[f"theta{pump}"], initial=1.0)) for pump in (1, 2))
+    axes.set_ylim(-0.03, 1.12 * most)
     _label(axes, "share of the gain [1]")
     _legend(axes)
     return svg(figure, "Actuator gains")
@@ -220,8 +221,11 @@ def _legend(axes: Axes) -> None:
 
 
 def _mark_alarms(axes: Axes, events: Sequence[LoggedEvent]) -> None:
-    for code, color in (("alarm", ORANGE), ("trip", RED)):
-        for t_s in sorted({event.t_s for event in events if event.code == code}):
+    """Mark the first report of every alarm, and every trip: an alarm on a fault that grows is reported many times."""
+    numbers = {event.data.get("number", event.t_s): event.t_s for event in reversed(events) if event.code == "alarm"}
+    trips = {event.t_s for event in events if event.code == "trip"}
+    for code, color, times_s in (("alarm", ORANGE, set(numbers.values())), ("trip", RED, trips)):
+        for t_s in sorted(times_s):
             axes.axvline(t_s, color=color, lw=0.9, alpha=0.6)
             axes.annotate(
                 code, (t_s, 1.0), xycoords=("data", "axes fraction"), xytext=(3, -9),

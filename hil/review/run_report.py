@@ -124,6 +124,8 @@ def _cards(run: Run, *, is_live: bool) -> str:
     if len(run.ticks) and all(math.isfinite(walk[-1]) for walk in walks):
         learned = ", ".join(page.number(float(walk[-1]), 2) for walk in walks)
         pairs.append(("process noise learned, tanks 1 to 4", f"{learned} cm/√s"))
+    if kpi.start_phase_s:
+        pairs.append(("start phase, before time 0", f"{kpi.start_phase_s:.1f} s"))
     probes = sum(event.code == "probe" and event.data.get("state") == "begin" for event in run.events)
     if probes:
         pairs.append(("probes: movements of the pumps that tell faults apart", f"{probes}"))
