@@ -382,7 +382,7 @@ def test_a_start_phase_that_has_failed_stops_the_run_and_says_why() -> None:
     state, events = after(HEALTHY, believing(Diagnosis(), start_problem=why))
     assert state.mode is Mode.STOPPING
     assert state.stopped_by == "start_failed"
-    assert events[0].text == f"stopping: the start phase did not reach the first reference: {why}"
+    assert events[0].text == f"stopping: the start phase has failed: {why}"
     assert after(HEALTHY, believing(Diagnosis(), start_problem=""))[0].mode is Mode.RUNNING
 
 
