@@ -29,7 +29,7 @@ def a_history(steps: int) -> History:
 def test_the_period_in_which_a_bias_begins_teaches_nothing_of_its_size() -> None:
     """The mean of that period's readings holds only part of the bias, which would come out too small."""
     history, replays = a_history(2), Replays.empty()
-    replays.begin(0, BIAS_OF_SENSOR, -1, history, 0, 0, np.zeros(4), NO_GROWTH)
+    replays.begin(0, BIAS_OF_SENSOR, -1, history, 0, 0, np.zeros(8), NO_GROWTH)
     variances = []
     for step in (1, 2):
         assert catch_up(DETECTOR.config.model, history, replays, 1, step, 10) == 0
