@@ -44,6 +44,7 @@ duration_s = {duration}
 method = "none"
 [rig]
 safety.arm_timeout_s = 10.0
+start.phase = "never"
 """
 
 _fork = multiprocessing.get_context("fork")
