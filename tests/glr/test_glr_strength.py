@@ -73,3 +73,10 @@ def test_a_dead_zone_counts_at_the_voltage_at_which_the_pump_runs() -> None:
     m.x[ZONE] = 0.6
     (alarm,) = alarms_of(m, 60.0)
     assert alarm.size == pytest.approx(0.8)
+
+
+def test_what_shows_late_is_not_the_rig_s_own() -> None:
+    """A drift of 0.7 mV/s moved the pumps' gains by 10 % in 900 s, and the stop before the rim did not come."""
+    m = a_memory(1.2, 0.01)
+    m.t_s = m.begun_s + strength.REPORT_S + 1.0
+    assert alarms_of(m, 30.0) == []
