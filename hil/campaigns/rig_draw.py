@@ -28,7 +28,7 @@ FILL_MAX = 0.9
 FLOW_SHARES = (0.2, 1.0)
 """Share of the pumps' largest voltage between which `flow_ratio` is given."""
 
-PUMP_GAIN, UNKNOWN = "pump_effectiveness", "unknown"
+PUMP_GAIN = "pump_effectiveness"
 SIZE_TOLERANCE = 0.1
 """Share of the flow that the file says."""
 
@@ -133,13 +133,11 @@ def draw_rig(spec: Draw, base: RigNumbers, seed: int, duration_s: float) -> Draw
 def is_honest(drawn: Mapping[str, Any], kind: str, target: object, size: float | None) -> bool:
     """Whether an alarm on a drawn rig that the controller does not know says nothing but the truth.
 
-    It may say `unknown`, or that a pump gives more or less than its file, within `SIZE_TOLERANCE` of what it gives.
+    It may say that a pump gives more or less than its file, within `SIZE_TOLERANCE` of what it gives.
     """
     ratios = drawn.get("flow_ratio")
     if ratios is None:
         return False
-    if kind == UNKNOWN:
-        return True
     if kind != PUMP_GAIN or target not in (1, 2) or size is None:
         return False
     low, high = ratios[int(str(target)) - 1]

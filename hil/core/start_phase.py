@@ -18,6 +18,7 @@ from math import ceil, inf, sqrt
 
 import numpy as np
 
+from hil.core.inflow_watch import LEARN_S
 from hil.core.state_feedback import ControlLaw
 from hil.core.tanks import TankModel, equilibrium, through_flow_matrix
 from hil.core.types import UNRESOLVED, Alarm, Event, Pair, Quad, Severity
@@ -28,7 +29,7 @@ Doubts = tuple[tuple[int, tuple[str, ...], float], ...]
 DOUBT_S = 15.0
 """An open alarm that may hide a level is waited for so long; the end of the phase does not wait."""
 
-DOUBTED_UNTIL_S = 120.0
+DOUBTED_UNTIL_S = LEARN_S
 """Such alarms still end the run so long after time 0: until then nothing has learned what holds the tanks at rest."""
 
 FAR_BELOW = 0.5
@@ -203,9 +204,7 @@ def hidden_level(doubts: Doubts, t_s: float, *, is_over: bool) -> str:
     for _, candidates, since_s in doubts:
         if not HIDES_LEVEL.isdisjoint(candidates) and (is_over or len(candidates) == 1 or t_s - since_s >= DOUBT_S):
             found = " or ".join(candidates)
-            what = (
-                f"{found} while the tanks fill" if len(candidates) == 1 else f"it is not known what has failed: {found}"
-            )
+            what = f"{found} was found" if len(candidates) == 1 else f"it is not known what has failed: {found}"
             return f"{what}; a lower tank may be fuller than it shows"
     return ""
 

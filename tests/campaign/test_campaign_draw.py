@@ -213,6 +213,5 @@ def test_an_alarm_that_says_what_a_drawn_pump_gives_is_honest(base: RigNumbers) 
     assert not is_honest(weak, "pump_effectiveness", 1, 0.6)
     assert not is_honest(weak, "pump_effectiveness", 1, 1.2)
     assert not is_honest(weak, "leak", 1, 0.8)
-    assert is_honest(weak, "unknown", 0, None)
     assert not is_honest(drawn(base, 1, gain_ratio=[0.8, 0.8], rig_knows=True).values, "pump_effectiveness", 1, 0.8)
     assert not is_honest({}, "pump_effectiveness", 1, 0.8), "a rig that is not drawn"
