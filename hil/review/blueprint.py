@@ -24,7 +24,7 @@ class Plot:
 PLOTS: dict[str, Plot] = {
     **{f"levels/tank{tank}": Plot(f"Tank {tank} level [V]", corner=rrb.Corner2D.RightBottom) for tank in (1, 2, 3, 4)},
     **{f"pumps/pump{pump}": Plot(f"Pump {pump} voltage [V]") for pump in (1, 2)},
-    "pumps/effectiveness": Plot("Pump effectiveness [1]", (0.0, 1.1), rrb.Corner2D.LeftBottom),
+    "pumps/effectiveness": Plot("Pump effectiveness [1]", (0.0, 2.1), rrb.Corner2D.LeftBottom),
     "control/gain_pump1": Plot("Gains of pump 1 [V/cm, 1/s]"),
     "control/gain_pump2": Plot("Gains of pump 2 [V/cm, 1/s]"),
     "control/integral": Plot("Integrals [V s]"),
