@@ -69,6 +69,7 @@ class Identification:
     model : the rig as identified. structure : extensions that the held-out record asks for, of
     `parameters.EXTENSIONS`. holdout_rmse_V : (4,) simulation error on the held-out record, NaN for a sensor that it
     does not have; holdout_rmse_before_V : of the old model. refusal : why nothing could be identified; "" when it was.
+    predictions_before : the held-out records as the old model predicts them.
     """
 
     model: RigModel
@@ -79,6 +80,7 @@ class Identification:
     holdout_rmse_V: Quad
     holdout_rmse_before_V: Quad
     refusal: str = ""
+    predictions_before: tuple[Prediction, ...] = ()
 
     def __getitem__(self, name: str) -> FittedParameter:
         return next(parameter for parameter in self.parameters if parameter.name == name)
