@@ -33,6 +33,7 @@ $(READY): requirements.lock pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	$(BIN)/python -m hil.core.diagnosis.glr
+	$(BIN)/python -m hil.core.identification
 	@touch $@
 
 demo: $(READY)   ## the paper's experiment: table 3 beside the paper's, then the fault with each detector

@@ -6,7 +6,8 @@ the share of an upper tank's overflow that falls into the tank below.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from hil.core.pumps import PumpPath
@@ -91,3 +92,45 @@ class Choice:
 
     role: Literal["free", "fixed", "prior"] = "free"
     sd: float = 0.0
+
+
+def values_of(model: RigModel) -> dict[str, float]:
+    """The value of every parameter of a rig."""
+    pumps, tanks, sensors = model.pumps, model.tanks, model.sensors
+    numbers = (
+        *tanks.pump_gain_cm3_Vs,
+        *tanks.valve_split,
+        *tanks.outlet_cm2,
+        *model.lag_s,
+        *pumps.dead_zone_V,
+        *pumps.curve_1_V,
+        *pumps.delay_s,
+        *tanks.datum_cm,
+        *sensors.gain_V_cm,
+        *sensors.offset_V,
+        *model.overflow_to_lower,
+    )
+    return {row.name: value for row, value in zip(PARAMETERS, numbers, strict=True)}
+
+
+def with_values(model: RigModel, changed: Mapping[str, float]) -> RigModel:
+    """A rig with these values in place of its own. Raises KeyError for an unknown name."""
+    values = values_of(model)
+    for name, value in changed.items():
+        values[BY_NAME[name].name] = float(value)
+    k1, k2, g1, g2, a1, a2, a3, a4, lag1, lag2, z1, z2, c1, c2, t1, t2, *rest = values.values()
+    d1, d2, d3, d4, s1, s2, s3, s4, o1, o2, o3, o4, over3, over4 = rest
+    return replace(
+        model,
+        tanks=replace(
+            model.tanks,
+            pump_gain_cm3_Vs=(k1, k2),
+            valve_split=(g1, g2),
+            outlet_cm2=(a1, a2, a3, a4),
+            datum_cm=(d1, d2, d3, d4),
+        ),
+        pumps=replace(model.pumps, dead_zone_V=(z1, z2), curve_1_V=(c1, c2), delay_s=(t1, t2)),
+        sensors=replace(model.sensors, gain_V_cm=(s1, s2, s3, s4), offset_V=(o1, o2, o3, o4)),
+        lag_s=(lag1, lag2),
+        overflow_to_lower=(over3, over4),
+    )
