@@ -12,7 +12,14 @@ from rich.console import Console
 from rich.table import Table
 
 from hil.bench import run_options
-from hil.bench.calibration_result import FIGURES_FILE, POINTS_FILE, figures_json, rig_values
+from hil.bench.calibration_result import (
+    FIGURES_FILE,
+    NEW_RIG_FILE,
+    POINTS_FILE,
+    calibrated_text,
+    difference,
+    figures_json,
+)
 from hil.bench.calibration_session import SensorFacts, Session
 from hil.cli import doctor_command, exit_codes
 from hil.cli.complaint import complain
@@ -20,6 +27,7 @@ from hil.core.identification.calibration import CalibrationError, LevelPoint, Se
 from hil.edge.can.bus import BusPort
 from hil.edge.config.points_file import KnownLevel, load_points, points_csv
 from hil.edge.config.rig_file import Rig
+from hil.edge.config.rig_file_writer import read_rig_text, replace_rig_file
 from hil.edge.config.settings_file import default_config_dir, of_all
 from hil.edge.config.shipped import find_rig
 from hil.edge.host.clock import MonotonicClock, StopSignal
@@ -39,6 +47,7 @@ class CalibrateOptions:
     points: Path | None = None
     tanks: tuple[int, ...] = (1, 2, 3, 4)
     out: Path | None = None
+    write: bool = False
     config_dir: Path | None = None
     rig: str | Path | None = None
 
@@ -93,7 +102,7 @@ def run(console: Console, options: CalibrateOptions) -> int:
             points, stopped_by = taken(console, options, facts, given, folder.path / POINTS_FILE)
         if stopped_by:
             return _stopped(stopped_by, folder.path, points)
-        return _finish(console, rig, points, folder.path)
+        return _finish(console, options, rig, points, folder.path)
     except CalibrationError as error:
         if (folder.path / POINTS_FILE).exists():
             raise CalibrationError(f"{error}; the points are kept in {folder.path / POINTS_FILE}") from None
@@ -153,14 +162,20 @@ def lines_table(rig: Rig, lines: Sequence[SensorLine]) -> Table:
     return table
 
 
-def _finish(console: Console, rig: Rig, points: Sequence[LevelPoint], folder: Path) -> int:
-    """Fit, show and write."""
+def _finish(console: Console, options: CalibrateOptions, rig: Rig, points: Sequence[LevelPoint], folder: Path) -> int:
+    """Fit, show and write. The rig file is replaced last, and only with --write."""
     lines = fit_sensors(points)
+    old, path = read_rig_text(options.rig_path), options.rig_path
+    text = calibrated_text(path, old, rig, lines)
+    console.print(lines_table(rig, lines))
     write_atomically(folder / POINTS_FILE, points_csv(points))
     write_atomically(folder / FIGURES_FILE, figures_json(rig, lines))
-    console.print(lines_table(rig, lines))
-    for key, values in rig_values(rig, lines).items():
-        console.print(f"{key} = {values}", highlight=False, markup=False)
+    write_atomically(folder / NEW_RIG_FILE, text)
+    diff = difference(old, text, str(path), str(folder / NEW_RIG_FILE))
+    console.print(diff or f"{path} says this already", highlight=False, markup=False, soft_wrap=True)
+    if options.write and diff:
+        copy = replace_rig_file(path, text, datetime.now())
+        console.print(f"{path} has the new values; the old file is kept as {copy}", highlight=False, soft_wrap=True)
     return 0
 
 

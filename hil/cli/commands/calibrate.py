@@ -38,6 +38,9 @@ def calibrate(
             help="The folder to write; must not exist. Default: runs/<time>_calibration.",
         ),
     ] = None,
+    write: Annotated[
+        bool, typer.Option("--write", help="Replace the rig file; a copy with the date in its name is kept.")
+    ] = False,
     rig: RigFile = None,
     config: ConfigDir = None,
 ) -> None:
@@ -48,6 +51,6 @@ def calibrate(
     from hil.cli import calibrate_command as calibration
 
     options = calibration.CalibrateOptions(
-        interface, channel, bitrate, points, tuple(tank or (1, 2, 3, 4)), out, config, rig
+        interface, channel, bitrate, points, tuple(tank or (1, 2, 3, 4)), out, write, config, rig
     )
     raise typer.Exit(calibration.run(Console(), options))
