@@ -17,7 +17,7 @@ DT_S = 0.005
 
 
 def steps(seed: int, duration_s: float, period_s: float, *, low_V: float, high_V: float, hold_s: float) -> Array:
-    """(n, 2) voltages of both pumps, drawn anew after every hold_s."""
+    """(n, 2) voltages of both pumps, drawn again after every hold_s."""
     random = np.random.default_rng(seed)
     n, hold = round(duration_s / period_s), round(hold_s / period_s)
     return np.repeat(random.uniform(low_V, high_V, (-(-n // hold), 2)), hold, axis=0)[:n]
