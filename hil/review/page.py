@@ -15,7 +15,7 @@ main{max-width:1180px;margin:0 auto;padding:1.6rem clamp(.9rem,3vw,2rem) 3rem}
 header{border-bottom:2px solid var(--ink);padding-bottom:1rem;margin-bottom:1.4rem}
 h1{font-size:1.65rem;line-height:1.2;margin:0 0 .35rem}
 h2{font-size:1.12rem;margin:2rem 0 .6rem}
-p{margin:.35rem 0}.soft{color:var(--soft)}
+p{margin:.35rem 0}ul{margin:.35rem 0;padding-left:1.2rem}.soft{color:var(--soft)}
 .badge{display:inline-block;padding:.05rem .6rem;border-radius:1rem;color:#fff;font-size:.85rem;font-weight:600;
 vertical-align:.2em;margin-left:.6rem;background:var(--soft)}
 .badge.complete{background:var(--green)}.badge.tripped,.badge.failed{background:var(--red)}
@@ -38,6 +38,7 @@ figure{margin:0;break-inside:avoid}figure svg{width:100%;height:auto;display:blo
 figcaption{font-size:.9rem;color:var(--soft);margin-top:.25rem}figcaption b{color:var(--ink)}
 details{border-top:1px solid var(--rule);padding:.45rem 0}summary{cursor:pointer;font-weight:600}
 pre{background:var(--wash);border-radius:.5rem;padding:.8rem;overflow-x:auto;font-size:.82rem;line-height:1.4}
+pre .came{color:var(--green)}pre .went{color:var(--red)}
 @media print{body{font-size:11pt}main{max-width:none;padding:0}.figures{grid-template-columns:1fr 1fr}
 .scroll{overflow:visible}}
 """
@@ -57,9 +58,9 @@ def section(title: str, body: str) -> str:
     return f"<section><h2>{escape(title)}</h2>\n{body}</section>\n" if body else ""
 
 
-def badge(status: str) -> str:
-    """The run's status as a coloured mark."""
-    return f'<span class="badge {escape(status)}">{escape(status)}</span>'
+def badge(status: str, words: str = "") -> str:
+    """A status as a coloured mark. status : of a run, which gives the colour. words : in its place."""
+    return f'<span class="badge {escape(status)}">{escape(words or status)}</span>'
 
 
 def facts(pairs: Iterable[tuple[str, str]]) -> str:
@@ -109,6 +110,26 @@ def figure(svg: str, title: str, caption: str) -> str:
 def fold(title: str, text: str) -> str:
     """A text that is shown on a click."""
     return f"<details><summary>{escape(title)}</summary><pre>{escape(text)}</pre></details>\n"
+
+
+def paragraphs(texts: Iterable[str]) -> str:
+    """Each text as a paragraph."""
+    return "".join(f"<p>{escape(text)}</p>\n" for text in texts)
+
+
+def bullets(texts: Sequence[str]) -> str:
+    """A list with a point for each text; nothing for none."""
+    return "<ul>" + "".join(f"<li>{escape(text)}</li>\n" for text in texts) + "</ul>\n" if texts else ""
+
+
+def diff(text: str) -> str:
+    """A unified difference, lines that went and came in colour."""
+    parts = []
+    for line in text.splitlines():
+        is_name = line.startswith(("+++", "---", "@@"))
+        mark = "soft" if is_name else {"+": "came", "-": "went"}.get(line[:1], "")
+        parts.append(f'<span class="{mark}">{escape(line)}</span>' if mark else escape(line))
+    return "<pre>" + "\n".join(parts) + "</pre>\n"
 
 
 def number(value: Any, digits: int) -> str:

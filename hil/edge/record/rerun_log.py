@@ -154,9 +154,9 @@ class RerunLog:
     def _call(self, call: Callable[[], None], timeout_s: float = CALL_TIMEOUT_S) -> None:
         """Call Rerun. Where the disk is the cause of what it raises, that error is raised instead."""
         try:
-            _within(timeout_s, call)
+            call_within(timeout_s, call)
         except Exception as error:
-            _abandon(self._recording)
+            abandon(self._recording)
             if (cause := disk_error(self._path.parent)) is not None:
                 raise cause from error
             raise
@@ -197,7 +197,7 @@ class RerunLog:
     def _send(self) -> None:
         if self._filled:
             table, self._filled = self._table[: self._filled], 0
-            times = _times(table[:, 0])
+            times = time_column(table[:, 0])
             for one in self._series:
                 places = list(one.places)
                 values = table[:, places] * self._to_V[places]
@@ -206,14 +206,14 @@ class RerunLog:
             self._send_changes(entity, changes)
         self._states.clear()
         if self._events:
-            times = _times(np.array([t_s for t_s, _ in self._events]))
+            times = time_column(np.array([t_s for t_s, _ in self._events]))
             texts = [f"{event.code}: {event.text}" for _, event in self._events]
             levels = [str(event.severity) for _, event in self._events]
             self._events.clear()
             self._recording.send_columns("log", [times], rr.TextLog.columns(text=texts, level=levels))
 
     def _send_changes(self, entity: str, changes: Sequence[tuple[float, str]]) -> None:
-        times = _times(np.array([t_s for t_s, _ in changes]))
+        times = time_column(np.array([t_s for t_s, _ in changes]))
         self._recording.send_columns(entity, [times], rr.StateChange.columns(state=[state for _, state in changes]))
 
     def _set_state(self, entity: str, t_s: float, state: str) -> None:
@@ -248,7 +248,7 @@ def _pump_state(effectiveness: float) -> str:
     return "dead" if effectiveness < DEAD_BELOW else "reduced"
 
 
-def _within(timeout_s: float, call: Callable[[], None]) -> None:
+def call_within(timeout_s: float, call: Callable[[], None]) -> None:
     """Make the call in a thread of its own. Raises TimeoutError when it takes too long; the thread is then abandoned.
 
     Rerun hands what it gets to a thread that writes; where that one has ended by a full disk, its caller may never
@@ -271,13 +271,14 @@ def _within(timeout_s: float, call: Callable[[], None]) -> None:
         raise errors[0]
 
 
-def _abandon(recording: rr.RecordingStream) -> None:
+def abandon(recording: rr.RecordingStream) -> None:
     """Never touch the recording again: what Rerun does when it is released, or at the exit, may wait for the writer."""
     rr.unregister_shutdown()
     threading.Thread(target=lambda: (recording, threading.Event().wait()), name="abandoned", daemon=True).start()
 
 
-def _times(times_s: Floats) -> rr.TimeColumn:
+def time_column(times_s: Floats) -> rr.TimeColumn:
+    """Times in s on the timeline of a recording."""
     nanoseconds = np.round(times_s * 1e9).astype("timedelta64[ns]")
     return rr.TimeColumn(TIMELINE, duration=nanoseconds)
 

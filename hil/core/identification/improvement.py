@@ -1,0 +1,51 @@
+"""Whether the identified rig predicts held-out records better than the old file: the condition for its replacement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite, sqrt
+
+from hil.core.identification.result import Identification
+
+MIN_IMPROVEMENT = 0.1
+"""An old file is replaced only by one whose error on the held-out record is smaller by this share."""
+
+
+@dataclass(frozen=True, slots=True)
+class Improvement:
+    """before_V, after_V : RMS error over all sensors of the held-out record; NaN if there is none."""
+
+    before_V: float
+    after_V: float
+
+    @property
+    def share(self) -> float:
+        """By what share the error is smaller now; negative if it is larger, NaN if that is not known."""
+        return 1.0 - self.after_V / self.before_V if self.before_V > 0.0 else float("nan")
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether the old file may be replaced."""
+        return self.share >= MIN_IMPROVEMENT
+
+    @property
+    def sentence(self) -> str:
+        """What was found, for a user."""
+        if not isfinite(self.share):
+            return "No held-out record tells whether the identified file predicts better than the old one."
+        change = f"{abs(self.share) * 100:.3g} % {'less' if self.share >= 0.0 else 'more'}"
+        return (
+            f"On the held-out record the identified file is off by {self.after_V * 1e3:.3g} mV (RMS of all sensors), "
+            f"the old one by {self.before_V * 1e3:.3g} mV: {change}."
+        )
+
+
+def improvement(identification: Identification) -> Improvement:
+    """Of the identified rig over the old one, on the sensors that the held-out record has."""
+    before, after = identification.holdout_rmse_before_V, identification.holdout_rmse_V
+    both = [one for one in zip(before, after, strict=True) if all(map(isfinite, one))]
+    return Improvement(_rms([one for one, _ in both]), _rms([one for _, one in both]))
+
+
+def _rms(values: list[float]) -> float:
+    return sqrt(sum(value**2 for value in values) / len(values)) if values else float("nan")
