@@ -133,12 +133,13 @@ def default_config_dir() -> Path:
 
 
 def load(
-    emulator_toml: Path, scenario: Path | None = None, rig: Path | None = None
+    emulator_toml: Path, scenario: Path | None = None, rig: Path | None = None, *, is_empty: bool = False
 ) -> tuple[EmulatorSettings, tuple[Fault, ...]]:
     """Read and check emulator.toml and, if given, the emulator's part of a scenario.
 
     rig : a rig file; tanks, pumps, sensors and start are then those of this rig, and emulator.toml has only what a rig
-    file can't say. A scenario's [emulator] table has priority over both. Raises SettingsError.
+    file can't say. A scenario's [emulator] table has priority over both. is_empty : the tanks
+    start empty, whatever start_V says. Raises SettingsError.
     """
     base = read_toml(emulator_toml)
     scenario_data = {} if scenario is None else read_toml(scenario)
@@ -159,6 +160,8 @@ def load(
 
     try:
         settings = EmulatorSettings.model_validate(merged(merged(base, of_rig), overlay))
+        if is_empty:
+            settings = settings.model_copy(update={"tanks": settings.tanks.model_copy(update={"start_V": (0.0, 0.0)})})
     except ValidationError as error:
         path, what = first_complaint(error)
         raise SettingsError(f"{where(path)}{what}") from None

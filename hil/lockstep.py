@@ -22,21 +22,25 @@ def run(
     emulator: EmulatorPort,
     period_s: float,
     on_progress: Callable[[int], None] | None = None,
+    *,
+    start_ns: int = 0,
+    stop_reason: Callable[[], str] = lambda: "",
 ) -> Outcome:
     """Run to the end.
 
     port, emulator : the two ends of one virtual bus that keeps time stamps. on_progress : called every 100 steps with
-    the number of steps done.
+    the number of steps done. start_ns : time of the first step, to which the emulator has advanced at the most.
+    stop_reason : returns "" until a stop is requested.
 
     A step at time t receives what the nodes sent up to t; its command takes effect at t.
     """
     period_ns = round(period_s * 1e9)
-    now_ns = number = 0
+    now_ns, number = start_ns, 0
     while loop.outcome is None:
         emulator.step(now_ns)
         for frame in port.waiting():
             loop.receive(frame, round(frame.timestamp * 1e9))
-        loop.tick(now_ns, NO_DELAY)
+        loop.tick(now_ns, NO_DELAY, stop_reason())
         emulator.read(now_ns)
         now_ns += period_ns
         number += 1

@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 from math import inf
 from typing import Any, Literal, Protocol
 
-from hil.core import controller, supervisor
-from hil.core.controller import ControllerConfig, ControllerState, Output
+from hil.core import supervisor
+from hil.core.controller import ControllerConfig, Output
+from hil.core.steps import ScenarioSteps, Steps, StepState
 from hil.core.types import Command, Event, Inputs, Mode, NodeState, Quad, Severity, TickRecord, Timing, TripCause
 from hil.wire.command_sender import CommandSender
 from hil.wire.contract import Contract
@@ -78,13 +79,14 @@ class Outcome:
 class ControlLoop:
     """Holds the controller's state between steps. One thread calls it.
 
+    config : of a scenario's controller; or the steps of something else, such as a phase of an experiment.
     true_level_cm : the emulator's levels for the record, where they can be known. on_tick : watches every step.
     clock_ns : tells when a command has gone out; without it, it went out at the step's own time.
     """
 
     def __init__(
         self,
-        config: ControllerConfig,
+        config: ControllerConfig | Steps,
         contract: Contract,
         sensor_range_V: tuple[float, float],
         port: Port,
@@ -96,9 +98,9 @@ class ControlLoop:
         on_tick: Callable[[Inputs, Output, Mode], None] | None = None,
         clock_ns: Callable[[], int] | None = None,
     ) -> None:
-        self._config = config
+        self._steps: Steps = ScenarioSteps(config) if isinstance(config, ControllerConfig) else config
         self._sender = CommandSender(contract)
-        self._receiver = Receiver(contract, self._sender, sensor_range_V, config.loop.sensors)
+        self._receiver = Receiver(contract, self._sender, sensor_range_V, self._steps.sensors)
         self._port = port
         self._recorder = recorder
         self._arm_timeout_s = arm_timeout_s
@@ -106,7 +108,7 @@ class ControlLoop:
         self._true_level_cm = true_level_cm
         self._on_tick = on_tick
         self._clock_ns = clock_ns
-        self._state = ControllerState()
+        self._state: StepState = self._steps.start()
         self._waiting_since_ns: int | None = None
         self._ending_since_ns: int | None = None
         self._t_s = 0.0
@@ -132,11 +134,11 @@ class ControlLoop:
         inputs = self._inputs(now_ns, timing, bool(stop_reason))
         must_stay_silent = self._must_stay_silent()
         try:
-            self._state, output = controller.step(self._config, self._state, inputs, now_ns)
+            self._state, output = self._steps.step(self._state, inputs, now_ns)
             data = b"" if must_stay_silent else self._sender.encode(self._with_clearing(output, inputs), now_ns)
         except Exception as error:  # noqa: BLE001 - whatever a step raises, this tick sends 0 V
             text = f"{type(error).__name__}: {error}"
-            self._state, output = controller.fail(self._state, TripCause.CONTROLLER_FAILED, text)
+            self._state, output = self._steps.fail(self._state, TripCause.CONTROLLER_FAILED, text)
             data = b"" if must_stay_silent else self._sender.encode(output.command, now_ns)
         if data:
             self._send(data, now_ns)
@@ -209,12 +211,12 @@ class ControlLoop:
             return
         self._waiting_since_ns = None
         awaits_clearing = mode is Mode.TRIPPED and not stop_reason
-        if mode.moves_pumps or (awaits_clearing and controller.will_be_cleared(self._config, self._state)):
+        if mode.moves_pumps or (awaits_clearing and self._steps.will_be_cleared(self._state)):
             self._ending_since_ns = None
             return
         if self._ending_since_ns is None:
             self._ending_since_ns = now_ns
-        unconfirmed = _unconfirmed(inputs, self._config.limits.status_age_max_s)
+        unconfirmed = _unconfirmed(inputs, self._steps.limits.status_age_max_s)
         if not unconfirmed or (now_ns - self._ending_since_ns) * 1e-9 > REST_TIMEOUT_S:
             cause, stopped_by = self._state.supervision.cause, stop_reason or self._state.supervision.stopped_by
             if cause is not None:
@@ -228,10 +230,10 @@ class ControlLoop:
         stopped_by = stop_reason or self._state.supervision.stopped_by
         if stopped_by:
             self._finish("stopped", stopped_by)
-        elif controller.is_over(self._config, self._state):
+        elif self._steps.is_over(self._state):
             self._finish("complete", "duration over")
         elif (now_ns - self._waiting_since_ns) * 1e-9 > self._arm_timeout_s:
-            blocker = supervisor.not_ready(self._config.limits, inputs)
+            blocker = supervisor.not_ready(self._steps.limits, inputs)
             rejected = inputs.bus.rejection_summary
             if rejected and rejected not in blocker:
                 blocker += f"; {rejected}"

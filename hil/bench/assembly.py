@@ -168,7 +168,7 @@ def controller_config(bench: Bench, duration_s: float | None = None) -> Controll
     )
     return ControllerConfig(
         loop,
-        _limits(rig),
+        safety_limits(rig),
         scenario.scenario.duration_s if duration_s is None else duration_s,
         tuple((request.at_s, _request(request)) for request in scenario.request),
         _probe(scenario.diagnosis),
@@ -275,7 +275,8 @@ def _copy_name(bench: Bench, file: Path) -> str:
     return "rig.toml" if file == bench.rig_path else file.name
 
 
-def _limits(rig: Rig) -> Limits:
+def safety_limits(rig: Rig) -> Limits:
+    """The supervisor's limits for a rig."""
     safety, path, model, (lag1, lag2) = rig.safety, rig.pump_path, rig.tank_model, rig.lags_s
     return Limits(
         range_V=rig.pumps.range_V,

@@ -12,12 +12,36 @@ from typing import Annotated
 import typer
 
 from hil.cli import exit_codes
-from hil.cli.commands import calibrate, campaign, conformance, demo, design, doctor, report, run, simulate, view
+from hil.cli.commands import (
+    calibrate,
+    campaign,
+    conformance,
+    demo,
+    design,
+    doctor,
+    identify,
+    report,
+    run,
+    simulate,
+    view,
+)
 from hil.cli.complaint import complain
 from hil.edge.host.standard_output import GuardedOutput
 from hil.version import __version__
 
-COMMANDS: tuple[ModuleType, ...] = (simulate, run, doctor, calibrate, conformance, campaign, demo, design, view, report)
+COMMANDS: tuple[ModuleType, ...] = (
+    simulate,
+    run,
+    doctor,
+    calibrate,
+    identify,
+    conformance,
+    campaign,
+    demo,
+    design,
+    view,
+    report,
+)
 """In the order of the help. Each has a function of its own name, and EXAMPLE."""
 
 MIN_RICH_WIDTH = 80

@@ -36,7 +36,8 @@ class Script:
         del frame
         self.calls.append(("loop.receive", received_ns))
 
-    def tick(self, now_ns: int, timing: Timing) -> None:
+    def tick(self, now_ns: int, timing: Timing, stop_reason: str) -> None:
+        assert stop_reason == ""
         assert timing == Timing(), "a simulated step is never late"
         self.calls.append(("loop.tick", now_ns))
         self._made += 1

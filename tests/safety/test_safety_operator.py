@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from hil.core.controller import ControllerState
 from hil.core.diagnosis.ideal import NoDetector
 from hil.core.types import Action, Diagnosis, Event, Mode, Pair, Request, TickRecord, TripCause
 from tests.safety.safety_bench import LIMITS, MS, PERIOD_NS, PERIOD_S, REST_V, VERDICTS, LoopBench, config, raw_command
@@ -246,7 +247,9 @@ def test_a_foreign_command_and_a_reboot_stand_for_the_rest_of_the_run() -> None:
 def test_a_failed_step_keeps_what_was_seen_of_the_outlets() -> None:
     loop = bench()
     loop.step(12)
-    seen = loop.loop._state.monitors.outlets
+    state = loop.loop._state
+    assert isinstance(state, ControllerState)
+    seen = state.monitors.outlets
     assert seen.level_cm is not None
     loop.told.verdict = Diagnosis((math.nan, 1.0))
     loop.step()

@@ -1,0 +1,151 @@
+"""Levels that somebody reads by a ruler during an experiment, and the file `ruler.csv` that keeps them.
+
+The file has one line for each reading: t_s (run time of the phase), tank (1 to 4), level_cm, sd_cm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from hil.core.controller import Output
+from hil.core.identification.records import RulerReading
+from hil.core.types import Inputs, Mode, Quad
+from hil.edge.config.settings_file import SettingsError, read_text
+from hil.edge.record.run_folder import writing
+
+FILE = "ruler.csv"
+HEADER = "t_s,tank,level_cm,sd_cm"
+SD_CM = 0.1
+
+Level = tuple[int, float, float]
+"""Tank (0 to 3), level in cm, its standard deviation in cm."""
+
+
+class Ruler(Protocol):
+    """Who reads the levels."""
+
+    def ask(self) -> None:
+        """Begin to ask; returns at once."""
+        ...
+
+    def take(self) -> tuple[Level, ...]:
+        """What was read since the last call."""
+        ...
+
+    def is_done(self) -> bool:
+        """Whether nothing more will come."""
+        ...
+
+
+class RulerWatch:
+    """Asks the ruler when a phase says so, and gives every reading its time."""
+
+    def __init__(self, ruler: Ruler | None) -> None:
+        self._ruler = ruler
+        self._is_asked = False
+        self.readings: list[RulerReading] = []
+
+    def see(self, inputs: Inputs, output: Output, mode: Mode) -> None:
+        """One step of the loop."""
+        del inputs, mode
+        if self._ruler is None or output.record is None:
+            return
+        if any(event.code == "ruler" for event in output.events):
+            self._is_asked = True
+            self._ruler.ask()
+        if self._is_asked:
+            t_s = output.record.t_s
+            self.readings += [RulerReading(t_s, tank, level_cm, sd_cm) for tank, level_cm, sd_cm in self._ruler.take()]
+
+    def is_answered(self) -> bool:
+        """Whether all readings are there."""
+        return self._ruler is None or (self._is_asked and self._ruler.is_done())
+
+
+class GivenRuler:
+    """Readings that are known beforehand, from a file."""
+
+    def __init__(self, levels: Sequence[Level]) -> None:
+        self._levels = tuple(levels)
+        self._is_asked = False
+
+    def ask(self) -> None:
+        """Give them from now on."""
+        self._is_asked = True
+
+    def take(self) -> tuple[Level, ...]:
+        """All of them, once."""
+        levels, self._levels = (self._levels, ()) if self._is_asked else ((), self._levels)
+        return levels
+
+    def is_done(self) -> bool:
+        """Whether they were taken."""
+        return self._is_asked and not self._levels
+
+
+class EmulatedRuler:
+    """Reads the emulator's true levels, with an error of SD_CM."""
+
+    def __init__(self, true_level_cm: Callable[[], Quad], seed: int) -> None:
+        self._true_level_cm = true_level_cm
+        self._random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(12,)))
+        self._levels: tuple[Level, ...] = ()
+
+    def ask(self) -> None:
+        """Read all four now."""
+        errors_cm = self._random.normal(0.0, SD_CM, 4).tolist()
+        levels_cm = self._true_level_cm()
+        self._levels = tuple((tank, levels_cm[tank] + errors_cm[tank], SD_CM) for tank in range(4))
+
+    def take(self) -> tuple[Level, ...]:
+        """What was read."""
+        levels, self._levels = self._levels, ()
+        return levels
+
+    def is_done(self) -> bool:
+        """Whether it was taken."""
+        return not self._levels
+
+
+def read_readings(folder: Path) -> tuple[RulerReading, ...]:
+    """The readings that a run folder keeps; none without the file. Raises SettingsError."""
+    path = folder / FILE
+    if not path.is_file():
+        return ()
+    rows = _rows(path, ("t_s", "tank", "level_cm", "sd_cm"))
+    return tuple(RulerReading(row["t_s"], int(row["tank"]) - 1, row["level_cm"], row["sd_cm"]) for row in rows)
+
+
+def write_readings(folder: Path, readings: Sequence[RulerReading]) -> None:
+    """Keep readings in a run folder; without any nothing is written. Raises IncompleteRecordError."""
+    if not readings:
+        return
+    lines = [f"{r.time_s:.3f},{r.tank + 1},{r.level_cm:.4f},{r.sd_cm:g}" for r in readings]
+    with writing(folder / FILE):
+        (folder / FILE).write_text("\n".join([HEADER, *lines]) + "\n", encoding="utf-8")
+
+
+def _rows(path: Path, needed: Sequence[str]) -> list[dict[str, float]]:
+    header, *lines = [line.strip() for line in read_text(path).splitlines() if line.strip()] or [""]
+    names = [name.strip() for name in header.split(",")]
+    missing = [name for name in needed if name not in names]
+    if missing:
+        raise SettingsError(
+            f"{path}: the first line must name the columns {', '.join(needed)}; {missing[0]} is missing"
+        )
+    rows = []
+    for number, line in enumerate(lines, 2):
+        try:
+            row = dict(zip(names, (float(cell) for cell in line.split(",")), strict=True))
+        except ValueError:
+            raise SettingsError(f"{path}: line {number}: want one number for each of {', '.join(names)}") from None
+        if row["tank"] not in (1, 2, 3, 4):
+            raise SettingsError(f"{path}: line {number}: tank = {row['tank']:g}: must be 1, 2, 3 or 4")
+        if not 0.0 <= row["level_cm"] <= 1e3 or not 0.0 < row.get("sd_cm", SD_CM) <= 10.0:
+            raise SettingsError(f"{path}: line {number}: level_cm must lie in 0..1000, sd_cm above 0 and up to 10")
+        rows.append(row)
+    return rows

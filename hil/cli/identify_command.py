@@ -1,0 +1,151 @@
+"""`hil identify` on the terminal: announces and confirms the phases, asks for the levels, shows what was found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from rich.console import Console
+
+from hil.bench import identify_inputs, run_options
+from hil.bench.experiment_run import (
+    Aborted,
+    EmulatedStage,
+    ExperimentBench,
+    ExperimentOptions,
+    LiveStage,
+    Stage,
+    run_experiment,
+)
+from hil.bench.ruler import EmulatedRuler, GivenRuler, Ruler
+from hil.cli import exit_codes
+from hil.cli.complaint import complain
+from hil.cli.terminal_ruler import TerminalRuler
+from hil.core.experiment import Phase
+from hil.edge.can.bus import BusAddress
+from hil.edge.config.points_file import load_points
+from hil.edge.config.settings_file import SettingsError
+
+REFUSED = "no"
+
+
+@dataclass(frozen=True)
+class IdentifyOptions:
+    """Options of the command line; None: the default."""
+
+    runs: tuple[Path, ...] = ()
+    interface: str | None = None
+    channel: str | None = None
+    bitrate: int | None = None
+    out: Path | None = None
+    is_full: bool = False
+    minutes: float | None = None
+    with_ruler: bool = False
+    ruler_file: Path | None = None
+    is_confirmed: bool = False
+    clear_trip: bool = False
+    with_emulator: bool = False
+    seed: int = 1
+    truth: str | None = None
+    rig: str | None = None
+    config_dir: Path | None = None
+    rerun: bool = True
+
+    @property
+    def of_experiment(self) -> ExperimentOptions:
+        """Those of the experiment."""
+        return ExperimentOptions(self.is_full, self.with_ruler, self.minutes, self.rerun, self.clear_trip)
+
+
+def run(console: Console, options: IdentifyOptions) -> int:
+    """An experiment if no runs are given, then the identification; returns the exit code."""
+    _check(options)
+    bench = identify_inputs.load_bench(options.rig, options.config_dir)
+    out = options.out or run_options.default_folder("identify", datetime.now())
+    if options.runs:
+        return _identify(console, bench, options.runs, out)
+    try:
+        folder = run_experiment(
+            bench, options.of_experiment, _stage(console, bench, options), out, Confirmation(console, options, out)
+        )
+    except Aborted as aborted:
+        return _aborted(aborted, out)
+    if folder is None:
+        console.print(f"stopped between two phases; the same command goes on (--out {out})", highlight=False)
+        return 0
+    return _identify(console, bench, folder.runs(), out)
+
+
+def _check(options: IdentifyOptions) -> None:
+    """Refuse options that contradict each other. Raises SettingsError."""
+    if options.truth is not None and not options.with_emulator:
+        raise SettingsError("--truth is the emulator's rig: it needs --emulator")
+    if options.with_emulator and (options.interface or options.channel):
+        raise SettingsError("--emulator and -i, -c exclude each other: choose one")
+    if options.runs and (options.with_emulator or options.interface or options.channel):
+        raise SettingsError("recorded runs are identified without an experiment: leave -i, -c and --emulator out")
+
+
+def _stage(console: Console, bench: ExperimentBench, options: IdentifyOptions) -> Stage:
+    """The rig on its bus, or the emulator. Raises SettingsError."""
+    given: Ruler | None = None
+    if options.ruler_file is not None:
+        given = GivenRuler([(one.tank - 1, one.level_cm, one.level_sd_cm) for one in load_points(options.ruler_file)])
+    if options.with_emulator:
+        emulator = identify_inputs.emulator(options.truth, options.rig, options.config_dir, options.seed)
+        ruler = given or EmulatedRuler(lambda: emulator.levels_cm, options.seed)
+        return EmulatedStage(emulator, options.seed, ruler if options.with_ruler else None)
+    bus = bench.rig.bus
+    address = BusAddress(
+        options.interface or bus.interface, options.channel or bus.channel, options.bitrate or bus.bitrate
+    )
+    return LiveStage(address, given or (TerminalRuler(console) if options.with_ruler else None))
+
+
+class Confirmation:
+    """Announces each phase and waits for a word, unless all are confirmed."""
+
+    def __init__(self, console: Console, options: IdentifyOptions, out: Path) -> None:
+        self._console, self._is_confirmed, self._out = console, options.is_confirmed or options.with_emulator, out
+        self._is_first = True
+
+    def __call__(self, index: int, phases: tuple[Phase, ...], recorded: Path | None) -> bool:
+        """Whether the phase may begin."""
+        phase = phases[index]
+        if self._is_first:
+            self._is_first = False
+            total_min = sum(one.max_s for one in phases) / 60.0
+            self._say(f"experiment of {len(phases)} phases, at most {total_min:.0f} min; record in {self._out}")
+        head = f"phase {index + 1} of {len(phases)}, {phase.name}"
+        if recorded is not None:
+            self._say(f"{head}: is recorded in {recorded}")
+            return True
+        self._say(f"{head}: {phase.text}; at most {phase.max_s:.0f} s")
+        if self._is_confirmed:
+            return True
+        answer = self._console.input("Enter starts it, n ends the experiment: ")
+        return answer.strip().lower() not in ("n", REFUSED, "q", "quit")
+
+    def _say(self, text: str) -> None:
+        self._console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+
+def _aborted(aborted: Aborted, out: Path) -> int:
+    """The line and the exit code of an experiment that ended early."""
+    outcome = aborted.outcome
+    code = exit_codes.of_run(outcome.status, outcome.reason) or exit_codes.INCOMPLETE
+    what = f"phase {aborted.phase.name}: {outcome.status}, {outcome.reason}"
+    return complain(
+        f"{what}; record in {aborted.path}; the phases before it are kept, the same command goes on (--out {out})", code
+    )
+
+
+def _identify(console: Console, bench: ExperimentBench, runs: tuple[Path, ...], out: Path) -> int:
+    """Fit the records, and show the parameters."""
+    fitted, held_out = identify_inputs.records_of(runs)
+    del bench, out
+    for record in (*fitted, *held_out):
+        seconds = record.time_s[-1] - record.time_s[0]
+        console.print(f"{record.name}: {seconds:.0f} s, {len(record.time_s)} rows", highlight=False)
+    return 0

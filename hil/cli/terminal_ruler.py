@@ -1,0 +1,75 @@
+"""Somebody beside the rig reads the levels and types them, while the phase goes on."""
+
+from __future__ import annotations
+
+import threading
+from math import isfinite
+from queue import SimpleQueue
+
+from rich.console import Console
+
+from hil.bench.ruler import SD_CM, Level
+from hil.edge.host.typed_lines import TypedLines
+
+MAX_CM = 1000.0
+
+
+class TerminalRuler:
+    """Asks for one tank after the other; an empty line leaves a tank out. The loop never waits for the terminal."""
+
+    def __init__(self, console: Console, lines: TypedLines | None = None) -> None:
+        self._console = console
+        self._lines = lines
+        self._tank = 4
+        self._texts: SimpleQueue[str] = SimpleQueue()
+        threading.Thread(target=self._write, name="ruler", daemon=True).start()
+
+    def ask(self) -> None:
+        """Begin with tank 1."""
+        self._lines = self._lines or TypedLines()
+        self._tank = 0
+        self._prompt()
+
+    def take(self) -> tuple[Level, ...]:
+        """The level that was typed since the last call, if any."""
+        if self.is_done() or self._lines is None:
+            return ()
+        try:
+            line = self._lines.next()
+        except EOFError:
+            self._tank = 4
+            return ()
+        if line is None:
+            return ()
+        level = self._level(line)
+        if level is None:
+            self._texts.put(f"{line!r} is no level in cm within 0..{MAX_CM:g}")
+            self._prompt()
+            return ()
+        tank, self._tank = self._tank, self._tank + 1
+        self._prompt()
+        return ((tank, level, SD_CM),) if isfinite(level) else ()
+
+    def is_done(self) -> bool:
+        """Whether all four tanks were asked for."""
+        return self._tank >= 4
+
+    def _level(self, line: str) -> float | None:
+        """The level, NaN for an empty line, None for what is no level."""
+        if not line.strip():
+            return float("nan")
+        try:
+            level_cm = float(line.strip().replace(",", "."))
+        except ValueError:
+            return None
+        return level_cm if 0.0 <= level_cm <= MAX_CM else None
+
+    def _prompt(self) -> None:
+        text = (
+            "thank you" if self.is_done() else f"level of tank {self._tank + 1} by the ruler, cm (Enter: leave it out):"
+        )
+        self._texts.put(text)
+
+    def _write(self) -> None:
+        while True:
+            self._console.print(self._texts.get(), highlight=False, markup=False)

@@ -1,0 +1,213 @@
+"""One phase of an identification experiment: time and levels in, voltages out.
+
+A phase is a list of segments: constant voltages that end by the levels or by time, whichever comes first. The rig may
+differ from its file in everything, so no segment trusts a predicted level. An envelope keeps the tanks from their rims
+by the levels read: a pump that feeds a tank which is too full stays at 0 V until that tank has fallen by HYSTERESIS_CM.
+
+    lower tank above its top, or it would be with all water of the tank above in it    both pumps at 0 V
+    upper tank above its top                                                           the pump that feeds it at 0 V
+    lower tank below `low_cm`, in phases that ask for it                               both pumps at least at `lift_V`
+
+The interlocks are above all this and rest on none of it. Why: docs/decisions/0031-experiment.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from math import inf, isfinite, nan
+
+from hil.core.types import Pair, Quad
+
+HYSTERESIS_CM = 0.5
+
+STILL_CM = 0.1
+"""Levels that change by no more than this for `still_s` stand still."""
+
+FALLEN_CM = 1.0
+"""A level that falls by this much while its tank is filled: its sensor shows the opposite."""
+
+UNKNOWN: Quad = (nan, nan, nan, nan)
+
+
+class Until(StrEnum):
+    """What ends a segment before its time."""
+
+    TIME = "time"
+    FILLED = "filled"  # both lower levels are at `level_cm` or above
+    STILL = "still"  # all levels stand still for `still_s`
+    ANSWERED = "answered"  # somebody has read the levels
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """Voltages for at most max_s. level_cm : for FILLED. still_s : for STILL."""
+
+    voltage_V: Pair
+    max_s: float
+    until: Until = Until.TIME
+    level_cm: float = inf
+    still_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Phase:
+    """A phase. name : of its folder. text : what happens in it, for the announcement.
+
+    is_held_out : its record is kept to judge what the others gave. lift_V : (2,) of the envelope's lower end, 0 V for
+    none. empties : its first segment must leave all tanks empty, and afterwards every level must rise.
+    """
+
+    name: str
+    text: str
+    segments: tuple[Segment, ...]
+    is_held_out: bool = False
+    lift_V: Pair = (0.0, 0.0)
+    empties: bool = False
+
+    @property
+    def max_s(self) -> float:
+        """The longest that the phase can take."""
+        return sum(segment.max_s for segment in self.segments)
+
+
+@dataclass(frozen=True, slots=True)
+class Envelope:
+    """Between which levels the experiment moves.
+
+    top_cm : (4,) for each tank. bound_cm : for a lower tank with all water of the tank above in it. share : (2,) rise
+    of a lower tank for 1 cm of the tank above. low_cm : of the lower tanks. empty_cm : an empty tank reads less than
+    this above or below 0 cm. rise_cm : (4,) by how much each level must rise when the rig is filled.
+    """
+
+    top_cm: Quad
+    bound_cm: float
+    share: Pair
+    low_cm: float
+    empty_cm: float = 1.5
+    rise_cm: Quad = (1.0, 1.0, 0.05, 0.05)
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseState:
+    """Where a phase is.
+
+    since_s : when the segment began. held, lifted : (2,) pumps held back, (2,) lower tanks that are too low. still_cm,
+    still_since_s : levels, and since when they have not moved from there. empty_cm : levels read before filling.
+    problem : why the phase must stop; "" if it need not.
+    """
+
+    segment: int = 0
+    since_s: float = 0.0
+    held: tuple[bool, bool] = (False, False)
+    lifted: tuple[bool, bool] = (False, False)
+    still_cm: Quad = UNKNOWN
+    still_since_s: float = 0.0
+    empty_cm: Quad = UNKNOWN
+    is_over: bool = False
+    problem: str = ""
+    voltage_V: Pair = field(default=(0.0, 0.0))
+
+
+def advance(
+    phase: Phase, envelope: Envelope, state: PhaseState, t_s: float, level_cm: Quad, *, is_answered: bool = False
+) -> PhaseState:
+    """The state at t_s, s since the phase began, with the voltages for the next step. Levels must be finite.
+
+    is_answered : the readings that the phase waits for are there.
+    """
+    if state.is_over or state.problem:
+        return replace(state, voltage_V=(0.0, 0.0))
+    state = _with_stillness(state, t_s, level_cm)
+    state = replace(state, problem=_falls(envelope, state, level_cm))
+    while not (state.is_over or state.problem) and _ends(
+        phase.segments[state.segment], state, t_s, level_cm, is_answered
+    ):
+        state = _next_segment(phase, envelope, state, t_s, level_cm)
+    if state.is_over or state.problem:
+        return replace(state, voltage_V=(0.0, 0.0))
+    held, lifted = _held(envelope, state.held, level_cm), _lifted(envelope, state.lifted, level_cm)
+    v1, v2 = phase.segments[state.segment].voltage_V
+    if any(lifted):
+        v1, v2 = max(v1, phase.lift_V[0]), max(v2, phase.lift_V[1])
+    voltage = (0.0 if held[0] else v1, 0.0 if held[1] else v2)
+    return replace(state, held=held, lifted=lifted, voltage_V=voltage)
+
+
+def _with_stillness(state: PhaseState, t_s: float, level_cm: Quad) -> PhaseState:
+    moved = max(abs(now - then) for now, then in zip(level_cm, state.still_cm, strict=True))
+    return state if moved <= STILL_CM else replace(state, still_cm=level_cm, still_since_s=t_s)
+
+
+def _ends(segment: Segment, state: PhaseState, t_s: float, level_cm: Quad, is_answered: bool) -> bool:
+    elapsed_s = t_s - state.since_s
+    if elapsed_s >= segment.max_s - 1e-6:
+        return True
+    if segment.until is Until.FILLED:
+        return min(level_cm[0], level_cm[1]) >= segment.level_cm
+    if segment.until is Until.STILL:
+        return min(elapsed_s, t_s - state.still_since_s) >= segment.still_s - 1e-6
+    return segment.until is Until.ANSWERED and is_answered
+
+
+def _next_segment(phase: Phase, envelope: Envelope, state: PhaseState, t_s: float, level_cm: Quad) -> PhaseState:
+    ended, number = phase.segments[state.segment], state.segment + 1
+    if phase.empties and state.segment == 0:
+        is_still = t_s - state.still_since_s >= ended.still_s - 1e-6
+        state = replace(state, empty_cm=level_cm, problem=_not_empty(envelope, level_cm, is_still=is_still))
+    is_over = number == len(phase.segments)
+    if is_over and phase.empties and not state.problem:
+        state = replace(state, problem=_not_risen(envelope, state.empty_cm, level_cm))
+    return replace(state, segment=number, since_s=t_s, is_over=is_over)
+
+
+def _not_empty(envelope: Envelope, level_cm: Quad, *, is_still: bool) -> str:
+    """Why the rig can't be filled now; "" if it can."""
+    if not is_still:
+        return "with the pumps at 0 V the levels do not come to rest: is a tank being filled, or a sensor loose?"
+    wrong = [f"tank {i + 1} reads {h:.2f} cm" for i, h in enumerate(level_cm) if not abs(h) <= envelope.empty_cm]
+    if not wrong:
+        return ""
+    return (
+        f"the levels stand still with the pumps at 0 V, and {' and '.join(wrong)}: if the tank is empty, the sensor's "
+        "gain or offset in the rig file is wrong (hil calibrate); if it is not, open its outlet"
+    )
+
+
+def _falls(envelope: Envelope, state: PhaseState, level_cm: Quad) -> str:
+    """Which sensor falls while its tank is filled from empty; "" if none does."""
+    del envelope
+    if not isfinite(state.empty_cm[0]):
+        return ""
+    fallen = [f"{i + 1}" for i, h in enumerate(level_cm) if h < state.empty_cm[i] - FALLEN_CM]
+    if not fallen:
+        return ""
+    what = f"sensor {' and '.join(fallen)} reads less than when the tank was empty"
+    return f"{what}: does its reading fall with the level? (sensors.gain_V_cm, hil calibrate)"
+
+
+def _not_risen(envelope: Envelope, empty_cm: Quad, level_cm: Quad) -> str:
+    """Which level has not risen when the rig was filled; "" if all have."""
+    low = [f"{i + 1}" for i in range(4) if not level_cm[i] - empty_cm[i] >= envelope.rise_cm[i]]
+    if not low:
+        return ""
+    return (
+        f"the level of tank {' and '.join(low)} has not risen while the rig was filled: pump, hose, valve, reservoir "
+        "or the level sensor"
+    )
+
+
+def _held(envelope: Envelope, held: tuple[bool, bool], level_cm: Quad) -> tuple[bool, bool]:
+    """Which pumps must stay at 0 V. A pump that is held is released HYSTERESIS_CM further down."""
+    margins = [HYSTERESIS_CM if one else 0.0 for one in held]
+    h1, h2, h3, h4 = level_cm
+    t1, t2, t3, t4 = envelope.top_cm
+    s3, s4 = envelope.share
+    over_cm = max(h1 - t1, h2 - t2, h1 + s3 * h3 - envelope.bound_cm, h2 + s4 * h4 - envelope.bound_cm)
+    return max(over_cm, h4 - t4) > -margins[0], max(over_cm, h3 - t3) > -margins[1]
+
+
+def _lifted(envelope: Envelope, lifted: tuple[bool, bool], level_cm: Quad) -> tuple[bool, bool]:
+    """Which lower tanks are too low."""
+    first, second = (level_cm[i] < envelope.low_cm + (HYSTERESIS_CM if lifted[i] else 0.0) for i in range(2))
+    return first, second

@@ -1,0 +1,169 @@
+"""The phases of an identification experiment, and the envelope that they move in.
+
+Voltages come from the rig file, as multiples of those that hold the lower levels in the middle of the envelope; the
+levels that they give may be anything, see `hil.core.experiment`. Times and amplitudes were chosen by D-optimality,
+docs/decisions/0031-experiment.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+
+from hil.core.experiment import Envelope, Phase, Segment, Until
+from hil.core.pumps import PumpPath
+from hil.core.tanks import TankModel, equilibrium
+from hil.core.types import Pair
+
+TOP_SHARE, MIDDLE_SHARE, LOW_SHARE = 0.8, 0.4, 0.1
+"""Shares of `safety.level_max_cm`: top of the envelope, levels around which the rig moves, and lower end."""
+
+MAX_EMPTYING_S = 300.0
+STILL_S = 8.0
+MAX_READING_S = 600.0
+"""How long the rig waits for somebody to read the levels."""
+
+BASIC_S, FULL_S = 700.0, 1440.0
+"""Longest experiment, without emptying the tanks and without a ruler."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlanSpec:
+    """What a plan is made for. level_max_cm : that trips. rim_margin_cm : that the bound keeps from the rim.
+
+    is_full : for the full structure. with_ruler : with a phase in which the levels are read. time_scale : of all hold
+    times.
+    """
+
+    model: TankModel
+    pumps: PumpPath
+    operating_drives: Pair
+    level_max_cm: float
+    rim_margin_cm: float
+    is_full: bool = False
+    with_ruler: bool = False
+    time_scale: float = 1.0
+
+    @property
+    def base_drives(self) -> Pair:
+        """(2,) drives that hold the higher lower level in the middle, by the file."""
+        model, middle_cm = self.model, MIDDLE_SHARE * self.level_max_cm
+        levels_cm = equilibrium(model, self.operating_drives)
+        ratio = min(sqrt((middle_cm + model.datum_cm[i]) / (levels_cm[i] + model.datum_cm[i])) for i in (0, 1))
+        return ratio * self.operating_drives[0], ratio * self.operating_drives[1]
+
+
+def envelope(spec: PlanSpec) -> Envelope:
+    """The envelope of a rig."""
+    A1, A2, A3, A4 = spec.model.area_cm2
+    top_cm = TOP_SHARE * spec.level_max_cm
+    return Envelope(
+        top_cm=(top_cm, top_cm, top_cm, top_cm),
+        bound_cm=min(min(spec.model.height_cm) - 2.0 * spec.rim_margin_cm, spec.level_max_cm),
+        share=(A3 / A1, A4 / A2),
+        low_cm=LOW_SHARE * spec.level_max_cm,
+    )
+
+
+def plan(spec: PlanSpec) -> tuple[Phase, ...]:
+    """The phases in their order."""
+    phases = [_fill(spec), _steps(spec), _drain(spec)]
+    if spec.is_full:
+        phases += [_stairs(spec, 0), _stairs(spec, 1), _fast(spec)]
+    binary_count, held_out_count = (30, 20) if spec.is_full else (20, 12)
+    phases.append(_binary(spec, "binary", "a binary sequence on both pumps", binary_count, 8.0, (0.4, 1.6), start=1))
+    if spec.with_ruler:
+        phases.append(_ruler(spec))
+    text = "another binary sequence, which judges the result"
+    phases.append(_binary(spec, "held_out", text, held_out_count, 8.0, (0.5, 1.5), start=40))
+    return tuple(phases)
+
+
+def _at(spec: PlanSpec, first: float, second: float, max_s: float, until: Until = Until.TIME, **more: float) -> Segment:
+    """A segment with multiples of the base drives."""
+    base1, base2 = spec.base_drives
+    return Segment(_voltage(spec, (first * base1, second * base2)), max_s * spec.time_scale, until, **more)
+
+
+def _voltage(spec: PlanSpec, drives: Pair) -> Pair:
+    return spec.pumps.within_range(0, drives[0]), spec.pumps.within_range(1, drives[1])
+
+
+def _fill(spec: PlanSpec) -> Phase:
+    middle_cm = MIDDLE_SHARE * spec.level_max_cm
+    segments = (
+        Segment((0.0, 0.0), MAX_EMPTYING_S, Until.STILL, still_s=STILL_S),
+        _at(spec, 1.4, 1.4, 60.0, Until.FILLED, level_cm=middle_cm),
+        _at(spec, 1.0, 1.0, 25.0),
+    )
+    text = "pumps at 0 V until the tanks are empty, then both pumps fill them"
+    return Phase("fill", text, segments, empties=True)
+
+
+def _steps(spec: PlanSpec) -> Phase:
+    pairs = ((1.5, 1.0), (0.5, 1.0), (1.0, 1.5), (1.0, 0.5), (1.4, 1.4), (0.6, 0.6))
+    return Phase("steps", "steps of each pump, then of both", tuple(_at(spec, *pair, 28.0) for pair in pairs))
+
+
+def _drain(spec: PlanSpec) -> Phase:
+    segments = (
+        _at(spec, 1.8, 0.0, 30.0),
+        _at(spec, 0.0, 0.0, 25.0),
+        _at(spec, 0.0, 1.8, 30.0),
+        _at(spec, 0.0, 0.0, 25.0),
+        _at(spec, 1.4, 1.4, 35.0),
+        _at(spec, 0.0, 0.0, 40.0),
+    )
+    return Phase("drain", "each pump fills its tanks and they drain, then both", segments)
+
+
+def _stairs(spec: PlanSpec, pump: int) -> Phase:
+    """One pump over its whole range, the other at rest: its dead zone and its curve."""
+    low_V, high_V = spec.pumps.range_V
+    shares = (0.03, 0.06, 0.09, 0.12, 0.16, 0.22, 0.3, 0.4, 0.55, 0.75, 1.0, 0.5)
+    segments = []
+    for share in shares:
+        voltage = low_V + share * (high_V - low_V)
+        pair = (voltage, 0.0) if pump == 0 else (0.0, voltage)
+        segments.append(Segment(pair, 10.0 * spec.time_scale))
+    return Phase(f"stairs_{pump + 1}", f"pump {pump + 1} over its whole range in stairs", tuple(segments))
+
+
+def _fast(spec: PlanSpec) -> Phase:
+    """Short pulses: lag and delay."""
+    return _binary(spec, "fast", "a fast binary sequence on both pumps", 40, 2.0, (0.0, 2.2), start=20)
+
+
+def _ruler(spec: PlanSpec) -> Phase:
+    segments = (
+        _at(spec, 1.2, 1.2, 90.0),
+        Segment(_at(spec, 1.2, 1.2, 1.0).voltage_V, MAX_READING_S, Until.ANSWERED),
+    )
+    return Phase("ruler", "constant voltages; somebody reads the levels by a ruler", segments)
+
+
+def _binary(spec: PlanSpec, name: str, text: str, count: int, clock_s: float, shares: Pair, *, start: int) -> Phase:
+    low, high = shares
+    first, second = binary_sequence(count, start), binary_sequence(count, start + 31)
+    segments = tuple(
+        _at(spec, high if one else low, high if other else low, clock_s)
+        for one, other in zip(first, second, strict=True)
+    )
+    return Phase(
+        name,
+        text,
+        segments,
+        is_held_out=name == "held_out",
+        lift_V=_voltage(spec, (1.3 * spec.base_drives[0], 1.3 * spec.base_drives[1])),
+    )
+
+
+def binary_sequence(count: int, start: int) -> tuple[bool, ...]:
+    """Bits of a maximum-length sequence of 63, x^6 + x^5 + 1, from one of its places on."""
+    register, bits = 0b111111, []
+    for index in range(start % 63 + count):
+        bit = register & 1
+        register = register >> 1 | (register ^ register >> 1) << 5 & 0b100000
+        if index >= start % 63:
+            bits.append(bool(bit))
+    return tuple(bits)
