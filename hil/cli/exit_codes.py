@@ -3,7 +3,7 @@
     0    done
     2    bad input, or a record that can't be begun; nothing moved
     3    tripped; campaign: a run broke an invariant
-    4    not ready, or failed
+    4    not ready, or failed; identify: nothing identified, or with --write: the rig file was not replaced
     5    done, but a file of the record or standard output can't be written completely; the line says which
     129, 130, 143  stopped by SIGHUP, SIGINT, SIGTERM
 
@@ -14,6 +14,7 @@ from __future__ import annotations
 
 BAD_INPUT = 2
 BROKEN_INVARIANT = 3
+NOT_DONE = 4
 INCOMPLETE = 5
 BY_STATUS = {"complete": 0, "stopped": 0, "tripped": 3, "failed": 4}
 BY_SIGNAL = {"SIGHUP": 129, "SIGINT": 130, "SIGTERM": 143}

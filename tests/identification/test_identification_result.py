@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import re
@@ -10,9 +11,11 @@ from datetime import datetime
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from hil.bench.identification_result import NotReplacedError, replace_rig, write_result
 from hil.cli.commands.view import view
+from hil.cli.identify_result import finish
 from hil.core.identification.improvement import improvement
 from hil.core.identification.result import Identification
 from hil.edge.config.rig_file import load_rig
@@ -211,3 +214,51 @@ def test_the_recording_has_measured_predicted_and_residual_of_each_tank() -> Non
     assert found["record2/readings/tank4"].names == ("measured", "predicted by the old file", "predicted")
     assert found["record2/residuals/tank2"].values.std() == pytest.approx(5.0, rel=0.1)
     assert {"record1/levels", "record1/voltages"} <= set(found)
+
+
+def _finish(found: Identification, rig_path: Path, out: Path, write: bool = False) -> tuple[int, str]:
+    console = Console(file=io.StringIO(), width=60)
+    code = finish(console, found, rig_path, out, write=write, now=NOW, rerun=False)
+    assert isinstance(console.file, io.StringIO)
+    return code, console.file.getvalue()
+
+
+def test_the_command_shows_values_difference_and_what_is_not_determined(rig_path: Path, out: Path) -> None:
+    code, shown = _finish(replace(undetermined(), predictions=(), predictions_before=()), rig_path, out)
+    assert code == 0
+    for words in (
+        "gamma1",
+        "0.710000",
+        "-valve_split = [0.70, 0.60]",
+        "+valve_split = [0.71, 0.592]",
+        "--write replaces it",
+    ):
+        assert words in shown, words
+    assert "not determined: k1, k2 and the gains of all sensors can only be known together" in shown
+    assert max(map(len, shown.split("structure")[0].splitlines())) <= 60
+
+
+def test_the_command_replaces_the_file_only_when_asked(rig_path: Path, out: Path) -> None:
+    before = rig_path.read_bytes()
+    assert _finish(without_records(), rig_path, out)[0] == 0
+    assert rig_path.read_bytes() == before
+    code, shown = _finish(without_records(), rig_path, out, write=True)
+    assert code == 0
+    assert f"the old file is kept as {rig_path.with_name('rig-2026-11-26T07-30.toml')}" in shown
+    assert rig_path.read_bytes() != before
+
+
+def test_the_command_says_why_it_does_not_replace_the_file(
+    rig_path: Path, out: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = without_records(holdout_rmse_before_V=(0.005,) * 4)
+    assert _finish(found, rig_path, out, write=True)[0] == 4
+    assert "predicts the held-out record better by 10% or more" in capsys.readouterr().err
+
+
+def test_the_command_says_why_nothing_was_identified(
+    rig_path: Path, out: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = without_records(refusal="pump 2 was never moved", parameters=())
+    assert _finish(found, rig_path, out, write=True)[0] == 4
+    assert "nothing was identified: pump 2 was never moved" in capsys.readouterr().err

@@ -190,7 +190,7 @@ def test_a_disk_that_is_full_at_any_moment_leaves_the_file_as_it_was(
                 return
         assert "No space left" in said
         assert rig.read_text() == "old"
-        assert list(tmp_path.iterdir()) == [rig], "nothing is left behind"
+        assert list(tmp_path.iterdir()) == [rig], "no other file is left"
     pytest.fail("it never succeeded")
 
 
