@@ -14,7 +14,8 @@ from hil.core import active_isolation, closed_loop, start_phase, state_feedback,
 from hil.core.active_isolation import IDLE, NO_PROBE, Occasion, ProbeConfig, ProbeState
 from hil.core.closed_loop import TIME_TOLERANCE_S, LoopConfig, LoopState
 from hil.core.dry_watch import DryWatch, watch_dry
-from hil.core.inflow_watch import InflowWatch, watch_inflow
+from hil.core.filling_watch import FillingWatch, watch_filling
+from hil.core.inflow_watch import NOT_RISEN, InflowWatch, watch_inflow
 from hil.core.interlocks import Belief, Limits
 from hil.core.live_levels import NONE, LiveLevels, live_levels_cm, watch_readings
 from hil.core.overshoot import Outlets, watch
@@ -54,8 +55,8 @@ class ControllerConfig:
 class Monitors:
     """States of the monitors that the interlocks use.
 
-    outlets : by the levels of the loop. live_outlets : by those of the live sensors that are not trusted. doubts :
-    alarms that are not resolved.
+    outlets : by the levels of the loop. live_outlets : by those of the live sensors that are not trusted. filling :
+    from the start phase on. doubts : alarms that are not resolved.
     """
 
     outlets: Outlets = field(default_factory=Outlets)
@@ -63,6 +64,7 @@ class Monitors:
     live: LiveLevels = field(default_factory=LiveLevels)
     inflow: InflowWatch = field(default_factory=InflowWatch)
     dry: DryWatch = field(default_factory=DryWatch)
+    filling: FillingWatch = field(default_factory=FillingWatch)
     doubts: Doubts = ()
 
 
@@ -104,7 +106,7 @@ def step(
         monitors, belief = _observe(config, monitors, loop, inputs.measurement, now_ns)
         if loop.start is not None and state.supervision.mode.is_controlling:
             is_end = state.loop is not None and state.loop.is_starting and not loop.is_starting
-            problem = _start_problem(config, loop, monitors.doubts, state.supervision.command_V, is_end=is_end)
+            problem = _start_problem(config, loop, monitors, state.supervision.command_V, is_end=is_end)
             belief = replace(belief, start_problem=problem)
             if problem or is_end:
                 loop_events += (start_phase.ends(problem),)
@@ -155,10 +157,14 @@ def _observe(
     if live_cm != NONE:
         levels_cm = _with_live(estimate.level_cm, live_cm)
         live_outlets = watch(model, monitors.live_outlets, levels_cm, effective_V, now_ns)
-    inflow = watch_inflow(
-        model, monitors.inflow, estimate.level_cm, effective_V, diagnosis, now_ns, is_starting=loop.is_starting
-    )
     dry = watch_dry(model, monitors.dry, estimate.level_cm, estimate.pump_V, diagnosis.trusted, now_ns)
+    filling = monitors.filling
+    if loop.start is not None and loop.t_s <= start_phase.DOUBTED_UNTIL_S:
+        filling = watch_filling(model, filling, estimate.level_cm, effective_V, diagnosis.trusted, now_ns)
+    inflow = InflowWatch()
+    if not loop.is_starting:
+        risen = filling.rises() if loop.t_s <= 2.0 * start_phase.DOUBTED_UNTIL_S else NOT_RISEN
+        inflow = watch_inflow(model, monitors.inflow, estimate.level_cm, effective_V, diagnosis, now_ns, risen)
     belief = Belief(
         diagnosis=diagnosis,
         level_cm=estimate.level_cm,
@@ -171,15 +177,28 @@ def _observe(
         is_dry=dry.is_dry,
     )
     doubts = start_phase.open_doubts(monitors.doubts, diagnosis.new_alarms, loop.t_s)
-    monitors = Monitors(outlets=outlets, live_outlets=live_outlets, live=live, inflow=inflow, dry=dry, doubts=doubts)
+    monitors = Monitors(
+        outlets=outlets,
+        live_outlets=live_outlets,
+        live=live,
+        inflow=inflow,
+        dry=dry,
+        filling=filling,
+        doubts=doubts,
+    )
     return monitors, belief
 
 
-def _start_problem(config: ControllerConfig, loop: LoopState, doubts: Doubts, command_V: Pair, *, is_end: bool) -> str:
+def _start_problem(
+    config: ControllerConfig, loop: LoopState, monitors: Monitors, command_V: Pair, *, is_end: bool
+) -> str:
     """Why the start phase has failed; "" if it has not. is_end : it ends with this step."""
     if loop.start is None or loop.t_s > start_phase.DOUBTED_UNTIL_S:
         return ""
-    hidden = start_phase.hidden_level(doubts, loop.t_s, is_over=is_end)
+    limits, trusted = config.limits, loop.diagnosis.trusted
+    balanced = monitors.filling.balanced(limits.model)
+    hidden = start_phase.hidden_level(monitors.doubts, loop.t_s, balanced, is_over=is_end)
+    hidden = hidden or monitors.filling.problem(limits.model, loop.estimate.level_cm, trusted, limits.level_max_cm)
     if hidden or not is_end:
         return hidden
     k, (y1, y2) = config.limits.level_gain_V_cm, loop.law.target_V

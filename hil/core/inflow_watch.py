@@ -7,7 +7,8 @@ that ratio.
 
 Inflow is the smaller of what the voltages and what the upper levels say, so that a weak pump or a clogged upper outlet
 alone do not count. The ratio is compared with that of the first LEARN_S, which no error of the rig file changes, and
-learned again after each fault that the diagnosis names: a leak is such a reason.
+learned again after each fault that the diagnosis names: a leak is such a reason. It begins after the start phase, in
+which `filling_watch` counts the water.
 Why: docs/decisions/0022-veto-of-a-live-sensor.md.
 """
 
@@ -23,9 +24,6 @@ LEARN_S = 120.0
 SMOOTHING_S = 60.0
 """A fault that the diagnosis finds is found within this time."""
 
-START_LEARN_S, START_SMOOTHING_S = 30.0, 20.0
-"""The same in a start phase, where the level moves and much can be lost in two minutes."""
-
 MIN_RATIO = 1.1
 """A smaller increase is not judged: a rig is not linear."""
 
@@ -34,6 +32,8 @@ RANGE = (0.2, 5.0)
 
 MIN_LEVEL_CM = 1.0
 """Below this level the outflow says little."""
+
+NOT_RISEN = (1.0, 1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,29 +69,25 @@ def watch_inflow(
     effective_V: Pair,
     diagnosis: Diagnosis,
     now_ns: int,
-    *,
-    is_starting: bool = False,
+    risen: Pair = NOT_RISEN,
 ) -> InflowWatch:
     """Update from the balance since the last step.
 
-    effective_V : (2,) what the pumps deliver, as nominal voltages. is_starting : the run is in its start phase.
+    effective_V : (2,) what the pumps deliver, as nominal voltages. risen : (2,) by how much the ratio had risen before,
+    see `filling_watch`; what is learned is so much smaller.
     """
     period_s = (now_ns - watch.watched_ns) * 1e-9
     begins = any(alarm.isolated_s is not None for alarm in diagnosis.new_alarms)
-    learn_s, smoothing_s = LEARN_S, SMOOTHING_S
-    if is_starting:  # only a pump's name explains that a tank needs more water: a leak and a drift are easily mistaken
-        named = (alarm for alarm in diagnosis.new_alarms if alarm.isolated_s is not None)
-        begins = any(alarm.kind == "pump_effectiveness" for alarm in named)
-        begins = begins or min(level_cm[0], level_cm[1]) < MIN_LEVEL_CM
-        learn_s, smoothing_s = START_LEARN_S, START_SMOOTHING_S
     if watch.level_cm is None or period_s <= 0.0 or begins:
         return InflowWatch(level_cm=level_cm, watched_ns=now_ns)
     age_s = watch.age_s + period_s
-    weight = min(period_s / min(age_s, smoothing_s), 1.0)
+    weight = min(period_s / min(age_s, SMOOTHING_S), 1.0)
     low, high = RANGE
     now1, now2 = (min(max(now, low), high) for now in _ratios(model, watch.level_cm, level_cm, effective_V, period_s))
     ratio = (watch.ratio[0] + weight * (now1 - watch.ratio[0]), watch.ratio[1] + weight * (now2 - watch.ratio[1]))
-    learned = ratio if watch.learned == (0.0, 0.0) and age_s >= learn_s else watch.learned
+    learned = watch.learned
+    if learned == (0.0, 0.0) and age_s >= LEARN_S:
+        learned = (ratio[0] / risen[0], ratio[1] / risen[1])
     return InflowWatch(ratio=ratio, learned=learned, age_s=age_s, level_cm=level_cm, watched_ns=now_ns)
 
 

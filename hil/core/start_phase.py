@@ -194,15 +194,19 @@ def open_doubts(before: Doubts, alarms: Sequence[Alarm], t_s: float) -> Doubts:
     return tuple((number, candidates, since_s) for number, (candidates, since_s) in open_.items())
 
 
-def hidden_level(doubts: Doubts, t_s: float, *, is_over: bool) -> str:
+def hidden_level(doubts: Doubts, t_s: float, balanced: tuple[bool, bool] = (False, False), *, is_over: bool) -> str:
     """Why a lower tank may be fuller than its sensor shows; "" if no doubt says so.
 
     A sensor that drifts downwards while the tanks fill looks like a leak or a valve, and the tank overflows if it is
     taken for one. The worst explanation counts: for a named leak at once, for an open alarm after DOUBT_S, and for
-    both when the phase is_over.
+    both when the phase is_over. An open alarm doesn't count for a tank whose water is balanced, see `filling_watch`.
     """
+    hides = frozenset(name for name in HIDES_LEVEL if not balanced[int(name[-1]) - 1])
     for _, candidates, since_s in doubts:
-        if not HIDES_LEVEL.isdisjoint(candidates) and (is_over or len(candidates) == 1 or t_s - since_s >= DOUBT_S):
+        is_named = len(candidates) == 1
+        if HIDES_LEVEL.isdisjoint(candidates) if is_named else hides.isdisjoint(candidates):
+            continue
+        if is_over or is_named or t_s - since_s >= DOUBT_S:
             found = " or ".join(candidates)
             what = f"{found} was found" if len(candidates) == 1 else f"it is not known what has failed: {found}"
             return f"{what}; a lower tank may be fuller than it shows"

@@ -291,6 +291,19 @@ def play(
     return run
 
 
+def play_with_early_fault(scenario: dict[str, Any], after_s: float, *, seed: int) -> Run:
+    """Play, with the scenario's only fault so long after power-up: in the start phase, before its time begins."""
+    _, _, truth, faults = _built(scenario)
+    emulator = Emulator(truth, (), seed, contract().fingerprint)
+    coming = list(faults)
+
+    def on_step(_: float) -> None:
+        if coming and emulator.now_ns >= round(after_s * 1e9):
+            emulator.inject(coming.pop(), emulator.now_ns)
+
+    return play(scenario, seed=seed, emulator=emulator, on_step=on_step)
+
+
 @contextmanager
 def _virtual_ends() -> Iterator[tuple[can.BusABC, can.BusABC]]:
     channel = f"faults {next(_channels)}"

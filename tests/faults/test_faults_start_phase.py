@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from tests.faults.faults_bench import Run, fault, play, scenario_data
+from tests.faults.faults_bench import Run, fault, play, play_with_early_fault, scenario_data
 
 EMPTY = {"tanks": {"start_V": [0.0, 0.0]}}
 QUICK = {"start": {"rate_cm_s": 0.3, "settle_s": 25.0}}
@@ -51,3 +51,18 @@ def test_pumps_that_are_not_as_the_file_says_with_a_dead_zone_get_through_withou
     assert run.trips == [], run.told
     assert run.outcome.status == "complete"
     assert max(run.at(0.0).measured_V[:2]) < 7.0
+
+
+def test_a_drift_on_a_rig_that_its_file_does_not_describe_ends_the_phase_before_the_tank_is_full() -> None:
+    """It was taken for the rig's own pumps and outlets, and named a leak when 41 cm3 had gone over the rim."""
+    pumps = {"gain_cm3_Vs": [1.15 * 3.33, 1.15 * 3.35], "dead_zone_V": 0.5}
+    data = scenario_data(
+        fault("sensor_drift", 0.0, 2, -0.05),
+        duration_s=8.0,
+        method="glr",
+        emulator={"parameter_spread": 0.1, "pumps": pumps, **EMPTY},
+    )
+    run = play_with_early_fault(data, 17.0, seed=80005)
+    assert run.outcome.reason == "start_failed"
+    assert "tank 2 gets" in " ".join(run.told)
+    assert max(run.seen.column("h2_cm")) < 6.0

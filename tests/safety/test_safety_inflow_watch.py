@@ -127,22 +127,14 @@ def test_one_step_counts_for_little_and_a_small_increase_for_nothing() -> None:
     assert replace(watch, ratio=(0.5, 0.5)).possible_cm(BENCH, level, HEALTHY) == NOTHING
 
 
-def test_in_a_start_phase_it_learns_sooner_and_no_name_explains_a_change() -> None:
-    """A drift in the start phase was named a valve and a leak, learned, and the tank ran over after time 0."""
-    low = (0.9, 5.0, 1.0, 1.0)
-    watch = InflowWatch()
-    assert watch_inflow(BENCH, watch, low, (3.0, 3.0), HEALTHY, SECOND, is_starting=True).age_s == 0.0
+def test_what_had_risen_in_the_start_phase_is_not_learned() -> None:
+    """A drift that began while the tanks filled was learned, and the tank ran over after time 0."""
     level = equilibrium(BENCH, (3.0, 3.0))
     watch = InflowWatch(level_cm=level, watched_ns=0)
-    for number in range(1, 31):
-        assert watch.learned == (0.0, 0.0)
-        watch = watch_inflow(BENCH, watch, level, (3.0, 3.0), NAMED, number * SECOND, is_starting=True)
-    assert watch.learned == pytest.approx((1.0, 1.0))
-    before = watch.ratio
-    shown = (0.7 * level[0], *level[1:])
-    watch = watch_inflow(
-        BENCH, InflowWatch(before, before, 60.0, shown, 0), shown, (3.0, 3.0), NAMED, SECOND, is_starting=True
-    )
-    assert watch.ratio[0] - before[0] == pytest.approx((0.7**-0.5 - 1.0) / 20.0)
-    pump = Diagnosis(new_alarms=(Alarm(1.0, "pump_effectiveness", 1, 1.15, isolated_s=1.0),))
-    assert watch_inflow(BENCH, watch, shown, (3.0, 3.0), pump, 2 * SECOND, is_starting=True).learned == (0.0, 0.0)
+    for number in range(1, round(LEARN_S) + 1):
+        watch = watch_inflow(BENCH, watch, level, (3.0, 3.0), HEALTHY, number * SECOND, (1.15, 1.0))
+    assert watch.ratio == pytest.approx((1.0, 1.0))
+    assert watch.learned == pytest.approx((1.0 / 1.15, 1.0))
+    possible = watch.possible_cm(BENCH, level, HEALTHY)
+    assert possible == pytest.approx((level[0] * 1.15**2, -inf))
+    assert watch_inflow(BENCH, watch, level, (3.0, 3.0), HEALTHY, 200 * SECOND, (1.3, 1.3)).learned == watch.learned
