@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from math import ceil
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from hil.core.identification.parameters import RigModel
 from hil.core.identification.result import FittedParameter, Prediction
+from hil.review.identification_words import number
 from hil.review.run_figures import BLUE, GREY, INK, ORANGE, PALE, RED, panels, svg, thin
 
 Floats = NDArray[np.float64]
@@ -20,46 +24,119 @@ Group = Sequence[FittedParameter]
 PALE_ORANGE = "#f0d3c4"
 COLORS, PALES = (BLUE, ORANGE, BLUE, ORANGE), (PALE, PALE_ORANGE, PALE, PALE_ORANGE)
 MAX_LAG_S, LAGS = 60.0, 240
+WIDE_IN, MAX_POINTS = 11.8, 3000
 LOWER, UPPER = (0, 1), (2, 3)
 
 
-def readings(prediction: Prediction) -> str:
-    """Readings of the sensors and their prediction, lower and upper tanks, over the pumps' voltages."""
-    figure, rows = panels(3)
+@dataclass(frozen=True, eq=False)
+class _Placed:
+    """A record on the common time axis of all records, one after the other. time_s : (n,). points : of a curve."""
+
+    prediction: Prediction
+    time_s: Floats
+    points: int
+
+
+def readings(predictions: Sequence[Prediction]) -> str:
+    """Readings of the sensors and their prediction, lower and upper tanks, over the pumps' voltages, of all records."""
+    placed = _placed(predictions)
+    figure, rows = _wide_panels([1.0, 1.0, 0.7])
     for axes, tanks in zip(rows, (LOWER, UPPER), strict=False):
         for tank in tanks:
-            _pair(axes, prediction.time_s, prediction.reading_V[:, tank], prediction.predicted_V[:, tank], tank)
+            _draw(axes, placed, lambda one, tank=tank: one.reading_V[:, tank], _measured(tank))  # type: ignore[misc]
+            _draw(axes, placed, lambda one, tank=tank: one.predicted_V[:, tank], _predicted(tank))  # type: ignore[misc]
         axes.set_ylabel("reading [V]")
-        _legend(axes)
-    _voltages(rows[2], prediction)
+    for pump, color in enumerate((BLUE, ORANGE)):
+        look = {"color": color, "lw": 1.0, "drawstyle": "steps-post", "label": f"pump {pump + 1}"}
+        _draw(rows[2], placed, lambda one, pump=pump: one.voltage_V[:, pump], look)  # type: ignore[misc]
+    rows[2].set_ylabel("voltage [V]")
+    _finish(rows, placed)
     return svg(figure, "Readings and prediction")
 
 
-def levels(prediction: Prediction, model: RigModel) -> str:
+def levels(predictions: Sequence[Prediction], model: RigModel) -> str:
     """Levels: what the identified sensors make of the readings, and the prediction."""
-    figure, rows = panels(2)
+    placed = _placed(predictions)
+    figure, rows = _wide_panels([1.0, 1.0])
     for axes, tanks in zip(rows, (LOWER, UPPER), strict=True):
         for tank in tanks:
             gain, offset_V = model.sensors.gain_V_cm[tank], model.sensors.offset_V[tank]
-            measured_cm = (prediction.reading_V[:, tank] - offset_V) / gain
-            _pair(axes, prediction.time_s, measured_cm, prediction.level_cm[:, tank], tank)
+            _draw(
+                axes,
+                placed,
+                lambda one, i=tank, g=gain, o=offset_V: (one.reading_V[:, i] - o) / g,  # type: ignore[misc]
+                _measured(tank),
+            )
+            _draw(axes, placed, lambda one, tank=tank: one.level_cm[:, tank], _predicted(tank))  # type: ignore[misc]
         axes.set_ylabel("level [cm]")
-        _legend(axes)
-    rows[-1].set_xlabel("time [s]")
+    _finish(rows, placed)
     return svg(figure, "Levels and prediction")
 
 
-def residuals(prediction: Prediction, model: RigModel) -> str:
+def residuals(predictions: Sequence[Prediction], model: RigModel) -> str:
     """Reading less prediction, a panel for each sensor, with the band of 95 % of the assumed noise."""
-    figure, rows = panels(4)
+    placed = _placed(predictions)
+    figure, rows = _wide_panels([0.7] * 4)
     for tank, axes in enumerate(rows):
-        ours_mV = prediction.residuals[:, tank] * 1e3
-        axes.plot(*thin(prediction.time_s, ours_mV), color=BLUE, lw=0.7)
+        look = {"color": BLUE, "lw": 0.6}
+        _draw(axes, placed, lambda one, tank=tank: one.residuals[:, tank] * 1e3, look)  # type: ignore[misc]
         band_mV = 1.96e3 * model.noise_V[tank]
-        axes.axhspan(-band_mV, band_mV, color=ORANGE, alpha=0.15, lw=0)
-        _sensor_panel(axes, tank, "residual [mV]", is_empty=not np.isfinite(ours_mV).any())
-    rows[-1].set_xlabel("time [s]")
+        axes.axhspan(-band_mV, band_mV, color=ORANGE, alpha=0.2, lw=0, zorder=3)
+        is_empty = not any(np.isfinite(one.residuals[:, tank]).any() for one in predictions)
+        _sensor_panel(axes, tank, "[mV]", is_empty=is_empty)
+    _finish(rows, placed)
     return svg(figure, "Residuals")
+
+
+def _placed(predictions: Sequence[Prediction]) -> list[_Placed]:
+    """Records one after the other, with a little time between them."""
+    durations = [float(one.time_s[-1] - one.time_s[0]) for one in predictions]
+    gap_s, begin_s = 0.01 * sum(durations), 0.0
+    found = []
+    for one, duration_s in zip(predictions, durations, strict=True):
+        points = max(150, round(MAX_POINTS * duration_s / sum(durations)))
+        found.append(_Placed(one, one.time_s - one.time_s[0] + begin_s, points))
+        begin_s += duration_s + gap_s
+    return found
+
+
+def _draw(axes: Axes, placed: Sequence[_Placed], of: Callable[[Prediction], Floats], look: Mapping[str, Any]) -> None:
+    """One curve over all records, interrupted between them."""
+    for place, one in enumerate(placed):
+        mine = dict(look) if place == 0 else {**look, "label": None}
+        axes.plot(*thin(one.time_s, of(one.prediction), one.points), **mine)
+
+
+def _measured(tank: int) -> Mapping[str, Any]:
+    return {"color": PALES[tank], "lw": 2.4, "label": f"tank {tank + 1}, measured"}
+
+
+def _predicted(tank: int) -> Mapping[str, Any]:
+    return {"color": COLORS[tank], "lw": 1.0, "label": "predicted"}
+
+
+def _finish(rows: Sequence[Axes], placed: Sequence[_Placed]) -> None:
+    """Shade what was held out, name the records, and label the time."""
+    for axes in rows:
+        axes.margins(x=0.01)
+        if axes.get_legend_handles_labels()[0]:
+            _legend(axes)
+        for one in placed:
+            if one.prediction.is_held_out:
+                axes.axvspan(one.time_s[0], one.time_s[-1], color=GREY, alpha=0.12, lw=0)
+    for one in placed:
+        rows[-1].annotate(
+            one.prediction.name, (one.time_s[0], 0.0), xycoords=("data", "axes fraction"), xytext=(1, 3),
+            textcoords="offset points", fontsize=7.0, color=GREY,
+        )  # fmt: skip
+    rows[-1].set_xlabel("time, records one after the other [s]")
+
+
+def _wide_panels(heights: Sequence[float]) -> tuple[Figure, list[Axes]]:
+    """Panels as wide as the page. heights : of each, as a share."""
+    figure = Figure(figsize=(WIDE_IN, 0.5 + 2.1 * sum(heights)), layout="constrained")
+    grid = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=list(heights))
+    return figure, list(grid[:, 0])
 
 
 def held_out(before: Prediction, after: Prediction) -> str:
@@ -117,7 +194,8 @@ def new_values(parameters: Sequence[FittedParameter]) -> str:
     figure, rows = _interval_panels([[one for one in shown if one.unit == unit] for unit in units])
     for (axes, group), unit in zip(rows, units, strict=True):
         for place, one in enumerate(group):
-            text = f"{one.value:.4g} ± {0.5 * (one.high - one.low):.2g}"
+            half = 0.5 * (one.high - one.low)
+            text = f"{number(one.value, half)} ± {number(half, half)}"
             _interval(axes, place, [one.value, one.low, one.high], one.status, text)
         _name_rows(axes, [one.name for one in group], 0.0, "share [1]" if unit == "1" else f"[{unit}]")
     return svg(figure, "New values") if rows else ""
@@ -154,6 +232,7 @@ def _name_rows(axes: Axes, names: Sequence[str], reference: float, quantity: str
     axes.set_yticks(range(len(names)), names)
     axes.set_ylim(len(names) - 0.4, -0.6)
     axes.set_xlabel(quantity)
+    axes.xaxis.set_major_locator(MaxNLocator(6))
 
 
 def _sensor_panel(axes: Axes, tank: int, quantity: str, *, is_empty: bool) -> None:
@@ -162,29 +241,6 @@ def _sensor_panel(axes: Axes, tank: int, quantity: str, *, is_empty: bool) -> No
     axes.margins(x=0.01)
     if is_empty:
         axes.annotate("no readings", (0.5, 0.5), xycoords="axes fraction", ha="center", color=GREY)
-
-
-def _pair(axes: Axes, time_s: Floats, measured: Floats, predicted: Floats, tank: int) -> None:
-    """Measured pale and below, predicted above."""
-    axes.plot(*thin(time_s, measured), color=PALES[tank], lw=2.4, label=f"tank {tank + 1}, measured")
-    axes.plot(*thin(time_s, predicted), color=COLORS[tank], lw=1.1, label="predicted")
-    axes.margins(x=0.01)
-
-
-def _voltages(axes: Axes, prediction: Prediction) -> None:
-    for pump, color in enumerate((BLUE, ORANGE)):
-        axes.step(
-            *thin(prediction.time_s, prediction.voltage_V[:, pump]),
-            where="post",
-            color=color,
-            lw=1.0,
-            label=f"pump {pump + 1}",
-        )
-    axes.set_ylim(bottom=min(-0.2, axes.get_ylim()[0]))
-    axes.set_ylabel("voltage [V]")
-    axes.set_xlabel("time [s]")
-    axes.margins(x=0.01)
-    _legend(axes)
 
 
 def _legend(axes: Axes) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,9 @@ from hil.edge.record.run_folder import IncompleteRecordError
 from hil.edge.record.signals import AMBER, BLUE, DIM, GREY, ORANGE
 
 Floats = NDArray[np.float64]
+
+MAX_HZ = 10.0
+"""Rows of a record that are closer are left out, evenly."""
 
 WRITE_TIMEOUT_S, FLUSH_TIMEOUT_S = 60.0, 30.0
 
@@ -108,12 +111,22 @@ def _plot(entity: str, title: str) -> rrb.TimeSeriesView:
     )
 
 
+def _thinned(one: Prediction) -> Prediction:
+    rate_Hz = (len(one.time_s) - 1) / float(one.time_s[-1] - one.time_s[0])
+    keep = slice(None, None, max(1, round(rate_Hz / MAX_HZ)))
+    arrays = ("time_s", "voltage_V", "reading_V", "predicted_V", "level_cm")
+    return replace(one, **{name: getattr(one, name)[keep] for name in arrays})
+
+
 def _of_record(record: str, one: Prediction, before: Prediction | None) -> list[Curves]:
+    if before is not None:
+        before = _thinned(before) if len(before.time_s) == len(one.time_s) else None
+    one = _thinned(one)
     found = []
     for tank in range(4):
         columns = [one.reading_V[:, tank], one.predicted_V[:, tank]]
         names, colors, widths = ["measured", "predicted"], [DIM, BLUE], [2.5, 1.5]
-        if before is not None and len(before.time_s) == len(one.time_s):
+        if before is not None:
             columns.insert(1, before.predicted_V[:, tank])
             names.insert(1, "predicted by the old file")
             colors.insert(1, ORANGE)

@@ -8,7 +8,7 @@ from math import isfinite
 
 from hil.core.counted import counted
 from hil.core.identification.improvement import Improvement, improvement
-from hil.core.identification.result import FittedParameter, Identification, Prediction
+from hil.core.identification.result import FittedParameter, Identification
 from hil.review import identification_figures as figures
 from hil.review import page, run_figures
 from hil.review.identification_words import number, sentence, structure_words
@@ -128,42 +128,47 @@ def _table(parameters: Sequence[FittedParameter]) -> str:
 
 
 def _figures(identification: Identification) -> str:
-    model = identification.model
-    before = {one.name: one for one in identification.predictions_before}
-    parts: list[tuple[str, str, str]] = []
     with run_figures.style():
-        parts.append(
-            (
-                "Intervals.",
-                "Values and 95 % intervals in per cent of the old value.",
-                figures.intervals(identification.parameters),
-            )
-        )
-        parts.append(
-            ("New in the file.", "Parameters that were zero before.", figures.new_values(identification.parameters))
-        )
-        for one in identification.predictions:
-            if one.is_held_out and one.name in before:
-                text = f"Record {one.name}: it had no part in the fit."
-                parts.append(("Held-out record.", text, figures.held_out(before[one.name], one)))
-        for one in identification.predictions:
-            parts += _record_figures(one, identification)
-        if identification.predictions:
-            text = "Of all records together, with the band of 95 % for white noise."
-            parts.append(
-                ("Autocorrelation of the residuals.", text, figures.autocorrelation(identification.predictions))
-            )
-    drawn = "".join(page.figure(svg, title, text) for title, text, svg in parts if svg)
-    return f'<div class="figures">{drawn}</div>\n' if drawn and model else ""
+        narrow = [*_interval_figures(identification), *_prediction_figures(identification)]
+        wide = _record_figures(identification)
+    drawn = "".join(page.figure(svg, title, text) for title, text, svg in narrow if svg)
+    drawn += "".join(page.figure(svg, title, text, is_wide=True) for title, text, svg in wide)
+    return f'<div class="figures">{drawn}</div>\n' if drawn else ""
 
 
-def _record_figures(one: Prediction, identification: Identification) -> list[tuple[str, str, str]]:
-    where = f"Record {one.name}{', held out' if one.is_held_out else ''}"
-    model = identification.model
+def _interval_figures(identification: Identification) -> list[tuple[str, str, str]]:
+    text = "Values and 95 % intervals in per cent of the old value."
     return [
-        ("Readings.", f"{where}: measured (pale) and predicted; voltages of the pumps.", figures.readings(one)),
-        ("Levels.", f"{where}: the same as levels, by the identified sensors.", figures.levels(one, model)),
-        ("Residuals.", f"{where}: reading less prediction; band: 95 % of the noise.", figures.residuals(one, model)),
+        ("Intervals.", text, figures.intervals(identification.parameters)),
+        ("New in the file.", "Parameters that were zero before.", figures.new_values(identification.parameters)),
+    ]
+
+
+def _prediction_figures(identification: Identification) -> list[tuple[str, str, str]]:
+    before = {one.name: one for one in identification.predictions_before}
+    parts = [
+        (
+            "Held-out record.",
+            f"Record {one.name}, which had no part in the fit: measured, and predicted by both files.",
+            figures.held_out(before[one.name], one),
+        )
+        for one in identification.predictions
+        if one.is_held_out and one.name in before
+    ]
+    if identification.predictions:
+        text = "Of all records together; grey: 95 % band for white noise."
+        parts.append(("Autocorrelation of the residuals.", text, figures.autocorrelation(identification.predictions)))
+    return parts
+
+
+def _record_figures(identification: Identification) -> list[tuple[str, str, str]]:
+    shown, model = identification.predictions, identification.model
+    if not shown:
+        return []
+    return [
+        ("Residuals.", "Reading less prediction; shaded: 95 % of the noise.", figures.residuals(shown, model)),
+        ("Readings.", "Measured (pale) and predicted; grey: held out.", figures.readings(shown)),
+        ("Levels.", "The same as levels, by the identified sensors.", figures.levels(shown, model)),
     ]
 
 

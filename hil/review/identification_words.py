@@ -165,7 +165,7 @@ def _known(one: FittedParameter) -> str:
 def _value(one: FittedParameter) -> str:
     """Value and half of the interval, in its unit, to the digits of the latter."""
     half = 0.5 * (one.high - one.low)
-    return f"{number(one.value, half)} ± {half:.2g} {one.unit}"
+    return f"{number(one.value, half)} ± {number(half, half)} {one.unit}"
 
 
 def _file_said(one: FittedParameter) -> str:
@@ -186,7 +186,7 @@ def number(value: float, half: float) -> str:
     if not isfinite(half) or half <= 0.0:
         return f"{value:.4g}"
     places = max(0, -int(f"{half:e}".partition("e")[2]) + 1)
-    return f"{value:.{min(places, 8)}f}"
+    return f"{value:.{min(places, 9)}f}"
 
 
 def _capital(text: str) -> str:

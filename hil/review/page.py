@@ -34,7 +34,7 @@ th,td{text-align:left;padding:.34rem .7rem .34rem 0;border-bottom:1px solid var(
 th{color:var(--soft);font-weight:600;border-bottom-color:var(--ink)}
 .n{text-align:right;white-space:nowrap}.WARN{color:var(--orange);font-weight:600}.ERROR{color:var(--red);font-weight:600}
 .figures{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,470px),1fr));gap:1.4rem 1.8rem}
-figure{margin:0;break-inside:avoid}figure svg{width:100%;height:auto;display:block}
+figure{margin:0;break-inside:avoid}figure.wide{grid-column:1/-1}figure svg{width:100%;height:auto;display:block}
 figcaption{font-size:.9rem;color:var(--soft);margin-top:.25rem}figcaption b{color:var(--ink)}
 details{border-top:1px solid var(--rule);padding:.45rem 0}summary{cursor:pointer;font-weight:600}
 pre{background:var(--wash);border-radius:.5rem;padding:.8rem;overflow-x:auto;font-size:.82rem;line-height:1.4}
@@ -102,9 +102,10 @@ def table(
     return "".join(parts) + "</tbody></table></div>\n"
 
 
-def figure(svg: str, title: str, caption: str) -> str:
-    """A figure with its caption; `svg` goes in as it is."""
-    return f"<figure>{svg}<figcaption><b>{escape(title)}</b> {escape(caption)}</figcaption></figure>\n"
+def figure(svg: str, title: str, caption: str, *, is_wide: bool = False) -> str:
+    """A figure with its caption; `svg` goes in as it is. is_wide : as wide as the page."""
+    mark = ' class="wide"' if is_wide else ""
+    return f"<figure{mark}>{svg}<figcaption><b>{escape(title)}</b> {escape(caption)}</figcaption></figure>\n"
 
 
 def fold(title: str, text: str) -> str:

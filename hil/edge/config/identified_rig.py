@@ -33,7 +33,7 @@ EXACT_DIGITS = 6
 NOISE_CHANGE = 0.1
 """The noise in the file is replaced if it is off by this share."""
 
-FULL_SHARE = 0.8
+FULL_SHARE = 0.9
 """Of safety.level_max_cm: the operating voltages are kept if they hold no level above this, or above the old one."""
 
 SHRINK, MAX_SHRINKS = 0.95, 40
