@@ -15,7 +15,7 @@ from hil.core.identification.result import Identification, Prediction
 from hil.edge.record.new_folder import disk_error
 from hil.edge.record.rerun_log import TIMELINE, abandon, call_within, time_column
 from hil.edge.record.run_folder import IncompleteRecordError
-from hil.edge.record.signals import AMBER, BLUE, DIM, GREY, ORANGE
+from hil.edge.record.signals import AMBER, BLUE, GREEN, GREY, ORANGE
 
 Floats = NDArray[np.float64]
 
@@ -76,14 +76,13 @@ def all_curves(identification: Identification) -> list[Curves]:
 
 
 def blueprint(identification: Identification) -> rrb.Blueprint:
-    """A tab for each record, with readings above residuals; the first is open."""
-    tabs = [
-        _sheet(f"record{number}", one.name + (" (held out)" if one.is_held_out else ""))
-        for number, one in enumerate(identification.predictions, start=1)
-    ]
+    """A tab for each record, with readings above residuals; that of the held-out record is open."""
+    shown = identification.predictions
+    tabs = [_sheet(f"record{number}", one) for number, one in enumerate(shown, start=1)]
+    opened = next((place for place, one in enumerate(shown) if one.is_held_out), 0)
     card = rrb.TextDocumentView(origin="/card", name="Result")
     return rrb.Blueprint(
-        rrb.Tabs(*tabs, card, active_tab=0),
+        rrb.Tabs(*tabs, card, active_tab=opened),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="paused"),
@@ -91,23 +90,23 @@ def blueprint(identification: Identification) -> rrb.Blueprint:
     )
 
 
-def _sheet(record: str, name: str) -> rrb.Vertical:
+def _sheet(record: str, one: Prediction) -> rrb.Vertical:
+    begin, end = (rr.TimeRangeBoundary.absolute(seconds=float(time_s)) for time_s in (one.time_s[0], one.time_s[-1]))
+    axis = rrb.TimeAxis(view_range=rr.TimeRange(start=begin, end=end))
+
+    def plot(entity: str, title: str) -> rrb.TimeSeriesView:
+        legend = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop)
+        contents = [f"/{record}/{entity}"]
+        return rrb.TimeSeriesView(origin="/", contents=contents, name=title, axis_x=axis, plot_legend=legend)
+
     tanks = (1, 2, 3, 4)
     return rrb.Vertical(
-        rrb.Horizontal(*(_plot(f"{record}/readings/tank{tank}", f"Sensor {tank} [V]") for tank in tanks[:2])),
-        rrb.Horizontal(*(_plot(f"{record}/readings/tank{tank}", f"Sensor {tank} [V]") for tank in tanks[2:])),
-        rrb.Horizontal(*(_plot(f"{record}/residuals/tank{tank}", f"Residual {tank} [mV]") for tank in tanks)),
-        rrb.Horizontal(
-            _plot(f"{record}/levels", "Levels, predicted [cm]"), _plot(f"{record}/voltages", "Pump voltages [V]")
-        ),
+        rrb.Horizontal(*(plot(f"readings/tank{tank}", f"Sensor {tank} [V]") for tank in tanks[:2])),
+        rrb.Horizontal(*(plot(f"readings/tank{tank}", f"Sensor {tank} [V]") for tank in tanks[2:])),
+        rrb.Horizontal(*(plot(f"residuals/tank{tank}", f"Residual {tank} [mV]") for tank in tanks)),
+        rrb.Horizontal(plot("levels", "Levels, predicted [cm]"), plot("voltages", "Pump voltages [V]")),
         row_shares=[2.2, 2.2, 1.6, 1.6],
-        name=name,
-    )
-
-
-def _plot(entity: str, title: str) -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(
-        origin="/", contents=[f"/{entity}"], name=title, plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop)
+        name=one.name + (" (held out)" if one.is_held_out else ""),
     )
 
 
@@ -125,7 +124,7 @@ def _of_record(record: str, one: Prediction, before: Prediction | None) -> list[
     found = []
     for tank in range(4):
         columns = [one.reading_V[:, tank], one.predicted_V[:, tank]]
-        names, colors, widths = ["measured", "predicted"], [DIM, BLUE], [2.5, 1.5]
+        names, colors, widths = ["measured", "predicted"], [GREY, BLUE], [3.0, 1.5]
         if before is not None:
             columns.insert(1, before.predicted_V[:, tank])
             names.insert(1, "predicted by the old file")
@@ -139,7 +138,7 @@ def _of_record(record: str, one: Prediction, before: Prediction | None) -> list[
         residual_mV = one.residuals[:, tank : tank + 1] * 1e3
         found.append(Curves(f"{record}/residuals/{place}", ("residual",), (AMBER,), (1.0,), one.time_s, residual_mV))
     tanks, widths4 = tuple(f"tank {tank}" for tank in (1, 2, 3, 4)), (1.5,) * 4
-    found.append(Curves(f"{record}/levels", tanks, (BLUE, ORANGE, GREY, AMBER), widths4, one.time_s, one.level_cm))
+    found.append(Curves(f"{record}/levels", tanks, (BLUE, ORANGE, GREEN, AMBER), widths4, one.time_s, one.level_cm))
     pumps = ("pump 1", "pump 2")
     found.append(Curves(f"{record}/voltages", pumps, (BLUE, ORANGE), (1.5, 1.5), one.time_s, one.voltage_V))
     return found
