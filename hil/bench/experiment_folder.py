@@ -97,6 +97,14 @@ class ExperimentFolder:
             )
 
 
+def make_folder(path: Path) -> None:
+    """The folder for a result, if it is not there. Raises ExperimentFolderError."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ExperimentFolderError(f"cannot make the folder {path}: {error.strerror}") from error
+
+
 def is_recorded(path: Path) -> bool:
     """Whether the run folder has a complete record of a phase that went to its end."""
     try:

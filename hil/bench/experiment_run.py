@@ -152,7 +152,7 @@ def phase_plan(bench: ExperimentBench, phase: Phase, stage: Stage) -> RunPlan:
     """What the run folder of a phase keeps of the configuration."""
     settings = {
         "rig": bench.rig.model_dump(mode="json"),
-        "experiment": {"phase": phase.name, "is_held_out": phase.is_held_out},
+        "experiment": {"phase": phase.name, "is_held_out": phase.is_held_out, "begins_empty": phase.empties},
     }
     names = ["rig.toml" if file == bench.rig_path else file.name for file in bench.files]
     return RunPlan(

@@ -9,6 +9,7 @@ from pathlib import Path
 from rich.console import Console
 
 from hil.bench import identify_inputs, run_options
+from hil.bench.experiment_folder import make_folder
 from hil.bench.experiment_run import (
     Aborted,
     EmulatedStage,
@@ -18,10 +19,12 @@ from hil.bench.experiment_run import (
     Stage,
     run_experiment,
 )
+from hil.bench.identify_fit import identified
 from hil.bench.ruler import EmulatedRuler, GivenRuler, Ruler
-from hil.cli import exit_codes
+from hil.cli import exit_codes, identify_result
 from hil.cli.complaint import complain
 from hil.cli.terminal_ruler import TerminalRuler
+from hil.core.counted import counted
 from hil.core.experiment import Phase
 from hil.edge.can.bus import BusAddress
 from hil.edge.config.points_file import load_points
@@ -51,6 +54,7 @@ class IdentifyOptions:
     rig: str | None = None
     config_dir: Path | None = None
     rerun: bool = True
+    write: bool = False
 
     @property
     def of_experiment(self) -> ExperimentOptions:
@@ -64,7 +68,7 @@ def run(console: Console, options: IdentifyOptions) -> int:
     bench = identify_inputs.load_bench(options.rig, options.config_dir)
     out = options.out or run_options.default_folder("identify", datetime.now())
     if options.runs:
-        return _identify(console, bench, options.runs, out)
+        return _identify(console, bench, options, options.runs, out)
     try:
         folder = run_experiment(
             bench, options.of_experiment, _stage(console, bench, options), out, Confirmation(console, options, out)
@@ -74,7 +78,7 @@ def run(console: Console, options: IdentifyOptions) -> int:
     if folder is None:
         console.print(f"stopped between two phases; the same command goes on (--out {out})", highlight=False)
         return 0
-    return _identify(console, bench, folder.runs(), out)
+    return _identify(console, bench, options, folder.runs(), out)
 
 
 def _check(options: IdentifyOptions) -> None:
@@ -141,11 +145,14 @@ def _aborted(aborted: Aborted, out: Path) -> int:
     )
 
 
-def _identify(console: Console, bench: ExperimentBench, runs: tuple[Path, ...], out: Path) -> int:
-    """Fit the records, and show the parameters."""
+def _identify(
+    console: Console, bench: ExperimentBench, options: IdentifyOptions, runs: tuple[Path, ...], out: Path
+) -> int:
+    """Fit the records, write the result into the folder and show it."""
     fitted, held_out = identify_inputs.records_of(runs)
-    del bench, out
-    for record in (*fitted, *held_out):
-        seconds = record.time_s[-1] - record.time_s[0]
-        console.print(f"{record.name}: {seconds:.0f} s, {len(record.time_s)} rows", highlight=False)
-    return 0
+    console.print(f"fitting {counted(len(fitted), 'record')} ...", highlight=False)
+    found = identified(fitted, held_out, identify_inputs.rig_model(bench.rig))
+    make_folder(out)
+    return identify_result.finish(
+        console, found, bench.rig_path, out, write=options.write, now=datetime.now(), rerun=options.rerun
+    )

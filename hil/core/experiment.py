@@ -85,7 +85,7 @@ class Envelope:
     share: Pair
     low_cm: float
     empty_cm: float = 1.5
-    rise_cm: Quad = (1.0, 1.0, 0.05, 0.05)
+    rise_cm: Quad = (0.3, 0.3, 0.05, 0.05)
 
 
 @dataclass(frozen=True, slots=True)

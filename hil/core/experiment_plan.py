@@ -7,7 +7,8 @@ docs/decisions/0031-experiment.md.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import count
 from math import sqrt
 
 from hil.core.experiment import Envelope, Phase, Segment, Until
@@ -22,6 +23,9 @@ MAX_EMPTYING_S = 300.0
 STILL_S = 8.0
 MAX_READING_S = 600.0
 """How long the rig waits for somebody to read the levels."""
+
+SPREAD, GOLDEN = 0.03, 0.6180339887498949
+"""By how much voltages differ from one segment to the next, as a share; the golden ratio spreads them evenly."""
 
 BASIC_S, FULL_S = 700.0, 1440.0
 """Longest experiment, without emptying the tanks and without a ruler."""
@@ -76,13 +80,41 @@ def plan(spec: PlanSpec) -> tuple[Phase, ...]:
         phases.append(_ruler(spec))
     text = "another binary sequence, which judges the result"
     phases.append(_binary(spec, "held_out", text, held_out_count, 8.0, (0.5, 1.5), start=40))
-    return tuple(phases)
+    return _spread(phases, spec.pumps)
 
 
 def _at(spec: PlanSpec, first: float, second: float, max_s: float, until: Until = Until.TIME, **more: float) -> Segment:
     """A segment with multiples of the base drives."""
     base1, base2 = spec.base_drives
     return Segment(_voltage(spec, (first * base1, second * base2)), max_s * spec.time_scale, until, **more)
+
+
+def _spread(phases: list[Phase], pumps: PumpPath) -> tuple[Phase, ...]:
+    """The phases with voltages that differ a little from one segment to the next.
+
+    The node rounds the voltages that it reports, by as much each time for the same one: with three voltages in an
+    experiment all gains would be wrong by some 0.005 %, with many it averages out.
+    """
+    low_V, high_V = pumps.range_V
+    number = count()
+
+    def near(voltage_V: float) -> float:
+        return min(max(voltage_V * _near_one(next(number)), low_V), high_V)
+
+    return tuple(
+        replace(
+            phase,
+            segments=tuple(
+                replace(one, voltage_V=(near(one.voltage_V[0]), near(one.voltage_V[1]))) for one in phase.segments
+            ),
+        )
+        for phase in phases
+    )
+
+
+def _near_one(index: int) -> float:
+    """A number within SPREAD of 1, another one for each index."""
+    return 1.0 + SPREAD * (2.0 * ((index + 1) * GOLDEN % 1.0) - 1.0)
 
 
 def _voltage(spec: PlanSpec, drives: Pair) -> Pair:
@@ -142,9 +174,9 @@ def _ruler(spec: PlanSpec) -> Phase:
     return Phase("ruler", "constant voltages; somebody reads the levels by a ruler", segments)
 
 
-def _binary(spec: PlanSpec, name: str, text: str, count: int, clock_s: float, shares: Pair, *, start: int) -> Phase:
+def _binary(spec: PlanSpec, name: str, text: str, bits: int, clock_s: float, shares: Pair, *, start: int) -> Phase:
     low, high = shares
-    first, second = binary_sequence(count, start), binary_sequence(count, start + 31)
+    first, second = binary_sequence(bits, start), binary_sequence(bits, start + 31)
     segments = tuple(
         _at(spec, high if one else low, high if other else low, clock_s)
         for one, other in zip(first, second, strict=True)
@@ -158,10 +190,10 @@ def _binary(spec: PlanSpec, name: str, text: str, count: int, clock_s: float, sh
     )
 
 
-def binary_sequence(count: int, start: int) -> tuple[bool, ...]:
+def binary_sequence(length: int, start: int) -> tuple[bool, ...]:
     """Bits of a maximum-length sequence of 63, x^6 + x^5 + 1, from one of its places on."""
     register, bits = 0b111111, []
-    for index in range(start % 63 + count):
+    for index in range(start % 63 + length):
         bit = register & 1
         register = register >> 1 | (register ^ register >> 1) << 5 & 0b100000
         if index >= start % 63:

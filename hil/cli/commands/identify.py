@@ -65,6 +65,12 @@ def identify(
     ] = None,
     rig: RigFile = None,
     config: ConfigDir = None,
+    write: Annotated[
+        bool,
+        typer.Option(
+            "--write", help="Replace the rig file, with a dated copy, if the new one predicts better by 10 %."
+        ),
+    ] = False,
     rerun: RerunChoice = True,
 ) -> None:
     """Identify the rig: an experiment of 12 minutes that moves the pumps, or recorded runs; then the parameters.
@@ -92,6 +98,7 @@ def identify(
         rig=rig,
         config_dir=config,
         rerun=rerun,
+        write=write,
     )
     with interruptible():
         raise typer.Exit(identification.run(Console(), options))
