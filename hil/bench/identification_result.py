@@ -83,10 +83,11 @@ def write_result(
     )
     if found is not None:
         write_atomically(out / RIG_NAME, found.text)
-    write_atomically(paths.json, as_json(identification, duration_s, notes, trouble))
+    text = as_json(identification, duration_s, notes, trouble)
+    write_atomically(paths.json, text.encode("utf-8", "backslashreplace"))  # names of files may be no UTF-8
     operating_V = load_rig(rig_path).control.operating_point_V
     facts = ReportFacts(rig_path.name, duration_s, operating_V, diff, notes, trouble)
-    write_atomically(paths.report, render(identification, facts))
+    write_atomically(paths.report, render(identification, facts).encode("utf-8", "replace"))
     if paths.recording is not None:
         lines = [paths.improvement.sentence, *(one.text for one in identification.null_directions), *notes]
         write_recording(paths.recording, identification, card_text(f"Identification of {rig_path.name}", lines))

@@ -126,10 +126,16 @@ def _finish(rows: Sequence[Axes], placed: Sequence[_Placed]) -> None:
                 axes.axvspan(one.time_s[0], one.time_s[-1], color=GREY, alpha=0.12, lw=0)
     for one in placed:
         rows[-1].annotate(
-            one.prediction.name, (one.time_s[0], 0.0), xycoords=("data", "axes fraction"), xytext=(1, 3),
+            plain(one.prediction.name), (one.time_s[0], 0.0), xycoords=("data", "axes fraction"), xytext=(1, 3),
             textcoords="offset points", fontsize=7.0, color=GREY,
         )  # fmt: skip
     rows[-1].set_xlabel("time, records one after the other [s]")
+
+
+def plain(name: str) -> str:
+    """A name for a figure, in which a pair of $ would begin a formula; what can't be printed is replaced."""
+    shown = "".join(letter if letter.isprintable() else "?" for letter in name)
+    return shown.replace("$", r"\$")
 
 
 def _wide_panels(heights: Sequence[float]) -> tuple[Figure, list[Axes]]:

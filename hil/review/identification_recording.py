@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -43,13 +45,12 @@ def write_recording(path: Path, identification: Identification, card: str) -> No
     Raises IncompleteRecordError; there may be a part of the file then, beside the old one.
     """
     temporary = path.with_name(f".{path.name}.tmp")
-    recording = rr.RecordingStream(
-        "fourtank-identification", recording_id=path.resolve().parent.name or "identification"
-    )
+    recording_id = f"{zlib.crc32(os.fsencode(path.resolve().parent)):08x}"
+    recording = rr.RecordingStream("fourtank-identification", recording_id=recording_id)
 
     def write() -> None:
         recording.save(temporary, default_blueprint=blueprint(identification))
-        recording.log("card", rr.TextDocument(card, media_type=rr.MediaType.MARKDOWN), static=True)
+        recording.log("card", rr.TextDocument(_encodable(card), media_type=rr.MediaType.MARKDOWN), static=True)
         for curves in all_curves(identification):
             _send(recording, curves)
         recording.flush(timeout_sec=FLUSH_TIMEOUT_S)
@@ -106,8 +107,13 @@ def _sheet(record: str, one: Prediction) -> rrb.Vertical:
         rrb.Horizontal(*(plot(f"residuals/tank{tank}", f"Residual {tank} [mV]") for tank in tanks)),
         rrb.Horizontal(plot("levels", "Levels, predicted [cm]"), plot("voltages", "Pump voltages [V]")),
         row_shares=[2.2, 2.2, 1.6, 1.6],
-        name=one.name + (" (held out)" if one.is_held_out else ""),
+        name=_encodable(one.name) + (" (held out)" if one.is_held_out else ""),
     )
+
+
+def _encodable(text: str) -> str:
+    """A text without what a file name may have and UTF-8 has not."""
+    return text.encode("utf-8", "replace").decode()
 
 
 def _thinned(one: Prediction) -> Prediction:

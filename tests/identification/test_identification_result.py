@@ -44,8 +44,8 @@ def out(tmp_path: Path) -> Path:
     return tmp_path / "out"
 
 
-def _report(found: Identification, rig_name: str = "rig.toml") -> str:
-    return render(found, ReportFacts(rig_name, 240.0, (3.0, 3.0)))
+def _report(found: Identification) -> str:
+    return render(found, ReportFacts("rig.toml", 240.0, (3.0, 3.0)))
 
 
 def test_the_folder_has_rig_file_json_report_and_recording_and_view_opens_it(rig_path: Path, out: Path) -> None:
@@ -132,15 +132,22 @@ def test_the_report_says_in_words_what_the_records_do_not_tell() -> None:
     assert text.count("the records do not determine it on its own") == 4
 
 
-def test_the_report_needs_nothing_else_and_escapes_names() -> None:
-    hostile = "<script>alert('rig')</script>.toml"
+def test_hostile_names_of_rig_file_and_records(tmp_path: Path) -> None:
+    """A pair of $ in the name of a record is a formula for matplotlib, and a name that is no UTF-8 can't be encoded."""
+    rig_path, out = tmp_path / "<script>alert('rig')\x01$x$.toml", tmp_path / "o $u$ [t]"
+    rig_path.write_bytes((CONFIG / "rig.toml").read_bytes())
+    out.mkdir()
     found = identification()
-    named = tuple(replace(one, name=f"{one.name} <b>&") for one in found.predictions[:1])
-    text = _report(replace(found, predictions=named, predictions_before=()), hostile)
+    named = tuple(replace(one, name="run $x$ \\frac{ <b>&\n\udc80") for one in found.predictions[:1])
+    result = write_result(replace(found, predictions=named, predictions_before=()), rig_path, out)
+    text = result.report.read_text(encoding="utf-8")
     assert "<script" not in text
     assert "<b>&" not in text
     assert "http://" not in text
     assert "https://" not in text
+    assert json.loads(result.json.read_text())["records"][0]["name"] == named[0].name
+    assert (out / "identification.rrd").is_file()
+    assert replace_rig(result, rig_path, NOW).read_bytes() == (CONFIG / "rig.toml").read_bytes()
 
 
 def test_a_refusal_leaves_the_reason_and_no_rig_file(rig_path: Path, out: Path) -> None:
