@@ -17,31 +17,30 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
+from hil.core.identification.minimum import Minimum, Problem, noise_of, soft_l1
 from hil.core.identification.parameters import PARAMETERS, Choice, RigModel
 from hil.core.identification.records import LevelRecord
-from hil.core.identification.residuals import Whitened, whitened
+from hil.core.identification.residuals import Whitened
 from hil.core.identification.result import Prediction
-from hil.core.identification.simulation import Simulated, levels, prediction
-from hil.core.identification.unknowns import FIXED, Unknowns, unknowns
+from hil.core.identification.simulation import levels, prediction
+from hil.core.identification.unknowns import FIXED, unknowns
 from hil.core.types import Pair, Quad
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 OUTLIER_SD = 3.0
 COARSE_ROWS = 1500
 NOISE_ROUNDS = 6
-MIN_NOISE_V = 1e-5
-CLIPPED_VARIANCE = 0.99501
-"""Variance of a normal variable of variance 1 that is limited to +-3."""
 
 
 @dataclass(frozen=True, eq=False)
 class RecordFit:
-    """One record after the fit. whitened : residuals and derivatives by all p unknowns.
+    """One record after the fit: the r rows of it that have readings, or are next to a reading by the ruler.
 
-    weight : (n, 4) by how much the loss counts each residual, 1 for small ones; ruler_weight : (m,).
+    time_s : (r,). whitened : residuals and derivatives by all p unknowns. weight : (r, 4) by how much the loss counts
+    each residual, 1 for small ones; ruler_weight : (m,). initial_cm : fitted or known.
     """
 
     name: str
@@ -108,93 +107,21 @@ class Fit:
         return inverse
 
 
-def soft_l1(z: Array) -> Array:
-    """(3, m) the loss 2 (sqrt(1 + z) - 1) of squared residuals z, with its first two derivatives."""
-    root = np.sqrt(1.0 + z)
-    return np.array([2.0 * (root - 1.0), 1.0 / root, -0.5 / root**3])
+@dataclass(frozen=True)
+class _Stage:
+    """How carefully to minimise.
+
+    is_pooled : all sensors are as much noisier than at the start: far from the minimum the residuals of one sensor
+    say little about its noise. noise_change : by a smaller share the noise has settled. tolerance : of the cost.
+    """
+
+    is_pooled: bool
+    noise_change: float
+    tolerance: float
 
 
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """Records, the rig they start from, the unknowns and the noise that whitens the residuals."""
-
-    records: tuple[LevelRecord, ...]
-    start: RigModel
-    unknowns: Unknowns
-    noise_V: Quad
-    outlier_sd: float
-
-    def simulated(self, values: Array) -> list[Simulated]:
-        model = self.unknowns.model(self.start, values)
-        return [
-            levels(model, record, self.unknowns.initial(at, values), self.unknowns.places[at][0])
-            for at, record in enumerate(self.records)
-        ]
-
-    def whitened(self, values: Array) -> list[Whitened]:
-        model, wanted = self.unknowns.model(self.start, values), self.unknowns
-        return [
-            whitened(model, record, simulated, self.noise_V, wanted.places[at][1], wanted.names)
-            for at, (record, simulated) in enumerate(zip(self.records, self.simulated(values), strict=True))
-        ]
-
-    def minimum(self, values: Array) -> _Minimum:
-        """Minimise from these values on."""
-        wanted = self.unknowns
-        priors = np.flatnonzero(np.isfinite(wanted.prior_sd))
-        prior_jacobian = np.zeros((len(priors), len(wanted.names)))
-        prior_jacobian[np.arange(len(priors)), priors] = (wanted.scale / wanted.prior_sd)[priors]
-        last: dict[bytes, tuple[Array, Array]] = {}
-        count = 0
-
-        def at(x: Array) -> tuple[Array, Array]:
-            nonlocal count
-            key = x.tobytes()
-            if key not in last:
-                count += 1
-                values = x * wanted.scale
-                found = self.whitened(values)
-                prior = ((values - wanted.start) / wanted.prior_sd)[priors]
-                last.clear()
-                last[key] = (
-                    np.concatenate([*(one.flat for one in found), prior]),
-                    np.concatenate([*(one.flat_jacobian * wanted.scale for one in found), prior_jacobian]),
-                )
-            return last[key]
-
-        def loss(z: Array) -> Array:
-            out = soft_l1(z)
-            if len(priors):
-                plain = z[-len(priors) :]
-                out[:, -len(priors) :] = (plain, np.ones_like(plain), np.zeros_like(plain))
-            return out
-
-        low, high = wanted.low / wanted.scale, wanted.high / wanted.scale
-        margin = 1e-9 * np.minimum(high - low, 1.0)
-        found = least_squares(
-            lambda x: at(x)[0],
-            np.clip(values / wanted.scale, low + margin, high - margin),
-            jac=lambda x: at(x)[1],
-            bounds=(low, high),
-            method="trf",
-            x_scale="jac",
-            loss=loss,
-            f_scale=self.outlier_sd,
-            ftol=1e-9,
-            xtol=1e-9,
-            gtol=1e-9,
-            max_nfev=60,
-        )
-        return _Minimum(found.x * wanted.scale, float(found.cost), count, found.status > 0, str(found.message))
-
-
-@dataclass(frozen=True, eq=False)
-class _Minimum:
-    values: Array
-    cost: float
-    evaluations: int
-    is_converged: bool
-    message: str
+COARSE = _Stage(is_pooled=True, noise_change=0.2, tolerance=1e-5)
+FINE = _Stage(is_pooled=False, noise_change=0.02, tolerance=1e-9)
 
 
 def fit(
@@ -217,9 +144,9 @@ def fit(
     wanted = unknowns(records, start, choices or {}, limits)
     if not wanted.names:
         raise ValueError("nothing to fit: all parameters are fixed and all initial levels known")
-    coarse = _Problem(tuple(_thinned(record) for record in records), start, wanted, start.noise_V, outlier_sd)
-    minimum, problem, count = _with_noise(coarse, wanted.start)
-    minimum, problem, more = _with_noise(replace(problem, records=records), minimum.values)
+    coarse = Problem(tuple(_thinned(record) for record in records), start, wanted, start.noise_V, outlier_sd)
+    minimum, problem, count = _with_noise(coarse, wanted.start, COARSE)
+    minimum, problem, more = _with_noise(replace(problem, records=records), minimum.values, FINE)
     return _result(problem, minimum, count + more)
 
 
@@ -238,67 +165,35 @@ def fit_initial(model: RigModel, record: LevelRecord, until_s: float | None = No
     return fit((record,), model, fixed).records[0].initial_cm
 
 
-def _with_noise(problem: _Problem, values: Array) -> tuple[_Minimum, _Problem, int]:
+def _with_noise(problem: Problem, values: Array, stage: _Stage) -> tuple[Minimum, Problem, int]:
     """Minimise, with the noise estimated from the residuals; again until the noise stays."""
     count = 0
-    minimum: _Minimum | None = None
+    minimum: Minimum | None = None
     for _ in range(NOISE_ROUNDS):
-        noise_V = _noise(problem, values)
-        is_settled = all(abs(new / old - 1.0) < 0.01 for new, old in zip(noise_V, problem.noise_V, strict=True))
-        if minimum is not None and is_settled:
+        noise_V = noise_of(problem, values, stage.is_pooled)
+        changes = [abs(new / old - 1.0) for new, old in zip(noise_V, problem.noise_V, strict=True)]
+        if minimum is not None and max(changes) < stage.noise_change:
             break
         problem = replace(problem, noise_V=noise_V)
-        minimum = problem.minimum(values)
+        minimum = problem.minimum(values, stage.tolerance)
         count += minimum.evaluations
         values = minimum.values
     assert minimum is not None  # noqa: S101 - NOISE_ROUNDS is positive
     return minimum, problem, count
 
 
-def _noise(problem: _Problem, values: Array) -> Quad:
-    """(4,) scale of the residuals of each sensor, per single reading; of a sensor without readings what it was."""
-    found = problem.whitened(values)
-    noise_V = []
-    for i in range(4):
-        residual = np.concatenate([_inside(one, record, i) for one, record in zip(found, problem.records, strict=True)])
-        noise_V.append(problem.noise_V[i] * _scale(residual) if len(residual) > 8 else problem.noise_V[i])
-    n1, n2, n3, n4 = (max(noise, MIN_NOISE_V) for noise in noise_V)
-    return n1, n2, n3, n4
-
-
-def _inside(found: Whitened, record: LevelRecord, sensor: int) -> Array:
-    """Residuals of a sensor's readings that are not saturated."""
-    low_V, high_V = record.saturation_V
-    reading_V = record.reading_V[:, sensor]
-    with np.errstate(invalid="ignore"):
-        is_inside = found.is_used[:, sensor] & (reading_V > low_V) & (reading_V < high_V)
-    inside: Array = found.residual[is_inside, sensor]
-    return inside
-
-
-def _scale(residual: Array) -> float:
-    """Standard deviation without outliers: residuals are limited to three times the result."""
-    scale = 1.4826 * float(np.median(np.abs(residual))) or float(np.std(residual)) or 1e-9
-    for _ in range(50):
-        limited = np.minimum(np.abs(residual), 3.0 * scale)
-        new = float(np.sqrt(np.mean(limited**2) / CLIPPED_VARIANCE))
-        if abs(new / scale - 1.0) < 1e-4:
-            break
-        scale = new
-    return scale
-
-
 def _thinned(record: LevelRecord) -> LevelRecord:
     """The record with readings in `COARSE_ROWS` rows at most, evenly spaced."""
-    every = -(-len(record.time_s) // COARSE_ROWS)
-    if every == 1:
+    rows = np.flatnonzero(np.isfinite(record.reading_V).any(axis=1))
+    every = -(-len(rows) // COARSE_ROWS)
+    if every <= 1:
         return record
     reading_V = np.full_like(record.reading_V, np.nan)
-    reading_V[::every] = record.reading_V[::every]
+    reading_V[rows[::every]] = record.reading_V[rows[::every]]
     return replace(record, reading_V=reading_V)
 
 
-def _result(problem: _Problem, minimum: _Minimum, evaluations: int) -> Fit:
+def _result(problem: Problem, minimum: Minimum, evaluations: int) -> Fit:
     wanted, values = problem.unknowns, minimum.values
     model = replace(wanted.model(problem.start, values), noise_V=problem.noise_V)
     bend2 = problem.outlier_sd**2
@@ -308,7 +203,7 @@ def _result(problem: _Problem, minimum: _Minimum, evaluations: int) -> Fit:
         parts.append(
             RecordFit(
                 name=record.name,
-                time_s=record.time_s,
+                time_s=record.time_s[found.rows],
                 whitened=found,
                 weight=np.where(found.is_used, soft_l1(found.residual**2 / bend2)[1], 0.0),
                 ruler_weight=soft_l1(found.ruler_residual**2 / bend2)[1],

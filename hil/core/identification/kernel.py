@@ -19,28 +19,33 @@ Before the first row the voltages are taken to be those of the first row, for lo
 
 from __future__ import annotations
 
-from math import exp, sqrt
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.core.diagnosis.glr.compiled import compiled
+from hil.core.identification.pump_kernel import (
+    DATUM,
+    GAIN,
+    INITIAL,
+    LAG,
+    OUTLET,
+    OVERFLOW,
+    SPLIT,
+    Pumps,
+    follow_both,
+    rest,
+    take_arrived,
+)
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-GAIN, SPLIT, OUTLET, LAG, ZONE, BEND, DELAY, DATUM, SENSOR_GAIN, SENSOR_OFFSET, OVERFLOW, INITIAL = (
-    0, 2, 4, 8, 10, 12, 14, 16, 20, 24, 28, 30,
-)  # fmt: skip
-"""Index of the first number of each group in the vector of parameters, the order of `parameters.PARAMETERS`; behind
-them the initial levels."""
-
 SHALLOW_CM = 4e-4
 MAX_STEP_S = 0.1
 MIN_STEP_S = 0.002
-TRANSIENT_LAGS = 16.0
-"""So many lags after a change of its voltage a pump counts as settled: e^-16 of the change is left."""
 
 
 class Geometry(NamedTuple):
@@ -85,34 +90,6 @@ def new_work(columns: int) -> Work:
         np.zeros((4, columns)),
         np.zeros((4, columns)),
     )
-
-
-@compiled
-def set_input(theta: Array, pump: int, voltage_V: float, given: Array) -> None:
-    """The drive of a pump for this voltage, and its derivatives by dead zone and curve, into given (3,)."""
-    x = voltage_V - theta[ZONE + pump]
-    bend = theta[BEND + pump]
-    if x <= 0.0:
-        given[0] = given[1] = given[2] = 0.0
-    else:
-        given[0] = x * (1.0 + bend * x)
-        given[1] = -(1.0 + 2.0 * bend * x)
-        given[2] = x * x
-
-
-@compiled
-def follow(lag_s: float, given: Array, at: Array, dt_s: float, out: Array) -> None:
-    """The lagged drive and its derivatives (5,) after dt_s with constant input, from `at` (5,)."""
-    if lag_s <= 0.0:
-        out[0], out[1], out[2], out[3], out[4] = given[0], 0.0, given[1], given[2], 0.0
-        return
-    left = exp(-dt_s / lag_s)
-    away = (at[0] - given[0]) * left
-    out[0] = given[0] + away
-    out[1] = at[1] * left + away * dt_s / (lag_s * lag_s)
-    out[2] = given[1] + (at[2] - given[1]) * left
-    out[3] = given[2] + (at[3] - given[2]) * left
-    out[4] = away / lag_s
 
 
 @compiled
@@ -253,68 +230,6 @@ def bound(theta: Array, geometry: Geometry, level_cm: Array, s: Array, column: I
 
 
 @compiled
-def next_change(time_s: Array, voltage_V: Array, pump: int, row: int) -> int:
-    """The first row after this one at which the voltage of a pump changes; len(time_s) where none does."""
-    n = len(time_s)
-    k = row + 1
-    while k < n and voltage_V[k, pump] == voltage_V[row, pump]:
-        k += 1
-    return k
-
-
-class Pumps(NamedTuple):
-    """Both pumps between two steps.
-
-    given : (2, 3) drive that arrives now, and its derivatives by dead zone and curve. at : (2, 5) lagged drive and its
-    derivatives, as in `Work.drive`. upcoming : (2,) row whose voltage arrives next. calm_s : (2,) when they settle.
-    """
-
-    given: Array
-    at: Array
-    upcoming: Ints
-    calm_s: Array
-
-
-@compiled
-def rest(theta: Array, time_s: Array, voltage_V: Array) -> Pumps:
-    """Both pumps settled at the voltages of the first row."""
-    pumps = Pumps(np.zeros((2, 3)), np.zeros((2, 5)), np.zeros(2, dtype=np.int64), np.full(2, time_s[0]))
-    for i in range(2):
-        given, at = pumps.given[i], pumps.at[i]
-        set_input(theta, i, voltage_V[0, i], given)
-        at[0], at[2], at[3] = given[0], given[1], given[2]
-        pumps.upcoming[i] = next_change(time_s, voltage_V, i, 0)
-    return pumps
-
-
-@compiled
-def take_arrived(theta: Array, time_s: Array, voltage_V: Array, now_s: float, pumps: Pumps) -> float:
-    """Let the pumps have what has arrived now; return when the next change arrives."""
-    next_s = np.inf
-    for i in range(2):
-        row = pumps.upcoming[i]
-        while row < len(time_s) and time_s[row] + theta[DELAY + i] <= now_s:
-            set_input(theta, i, voltage_V[row, i], pumps.given[i])
-            pumps.calm_s[i] = now_s + TRANSIENT_LAGS * theta[LAG + i]
-            row = next_change(time_s, voltage_V, i, row)
-        pumps.upcoming[i] = row
-        if row < len(time_s):
-            next_s = min(next_s, time_s[row] + theta[DELAY + i])
-    return next_s
-
-
-@compiled
-def follow_both(theta: Array, pumps: Pumps, dt_s: float, work: Work) -> None:
-    """The drives of both pumps at the start, middle and end of a step, into work; the pumps go on to its end."""
-    for i in range(2):
-        lag_s, given, at, drive = theta[LAG + i], pumps.given[i], pumps.at[i], work.drive[i]
-        follow(lag_s, given, at, 0.0, drive[0])
-        follow(lag_s, given, at, 0.5 * dt_s, drive[1])
-        follow(lag_s, given, at, dt_s, drive[2])
-        at[:] = drive[2]
-
-
-@compiled
 def longest_step(theta: Array, geometry: Geometry) -> float:
     """The longest step, in s, that is stable for nearly empty tanks."""
     quickest = 1e-9
@@ -343,7 +258,7 @@ def advance(
     count = max(int(np.ceil((until_s - now_s) / limit_s - 1e-9)), 1)
     dt_s = (until_s - now_s) / count
     for _ in range(count):
-        follow_both(theta, pumps, dt_s, work)
+        follow_both(theta, pumps, dt_s, work.drive)
         step(theta, geometry, level_cm, s, column, dt_s, work)
 
 
@@ -355,6 +270,7 @@ def integrate(
     voltage_V: Array,
     initial_cm: Array,
     column: Ints,
+    slot: Ints,
     levels_cm: Array,
     derivatives: Array,
 ) -> None:
@@ -362,7 +278,8 @@ def integrate(
 
     theta : (30,) parameters in the order of `PARAMETERS`. time_s : (n,). voltage_V : (n, 2). initial_cm : (4,).
     column : (34,) for each parameter and initial level the column of its derivatives, -1 where they are not wanted.
-    levels_cm : (n, 4), out. derivatives : (n, 4, m), out.
+    slot : (n,) place of a row in the derivatives, -1 where they are not wanted. levels_cm : (n, 4), out. derivatives :
+    (r, 4, m), out.
     """
     work = new_work(derivatives.shape[2])
     level_cm, s = initial_cm.copy(), np.zeros((4, derivatives.shape[2]))
@@ -379,5 +296,6 @@ def integrate(
             now_s = until_s
         for i in range(4):
             levels_cm[k, i] = level_cm[i]
-            for m in range(s.shape[1]):
-                derivatives[k, i, m] = s[i, m]
+            if slot[k] >= 0:
+                for m in range(s.shape[1]):
+                    derivatives[slot[k], i, m] = s[i, m]

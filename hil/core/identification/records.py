@@ -26,6 +26,7 @@ in the lags: on the emulator frames stamped 5 ms late make the lags 3 % larger, 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +51,8 @@ class LevelRecord:
     time_s : (n,) ascending. voltage_V : (n, 2) at the pumps' terminals; row k holds from time_s[k] to time_s[k + 1].
     reading_V : (n, 4) readings of the sensors as they are, before any calibration; NaN where there is none, or where
     it is not to be used. samples : (n, 4) how many readings of the sensor each value is the mean of.
-    saturation_V : readings at or beyond these ends say only that the level is at least, or at most, that.
+    saturation_V : range of the sensors; readings at or beyond `ends` say only that the level is at least, or at most,
+    that.
     initial_cm : (4,) levels at time_s[0] where they are known (an empty rig), NaN where not.
     """
 
@@ -77,3 +79,12 @@ class LevelRecord:
             )
         if not (np.diff(self.time_s) > 0.0).all():
             raise ValueError(f"record {self.name!r}: its times do not ascend")
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """V from where on readings count as saturated: the range's lower end, and a thousandth below its upper end.
+
+        The highest code of a converter lies a step below the end of its range: 10.2375 V with 12 bits over 10.24 V.
+        """
+        low_V, high_V = self.saturation_V
+        return low_V, high_V - (1e-3 * (high_V - low_V) if isfinite(high_V - low_V) else 0.0)

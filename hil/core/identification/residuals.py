@@ -26,15 +26,18 @@ from hil.core.types import Quad
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
 class Whitened:
     """Residuals of one record and their derivatives by p columns; 0 where nothing was measured.
 
-    residual : (n, 4). jacobian : (n, 4, p). is_used : (n, 4). ruler_residual : (m,). ruler_jacobian : (m, p).
+    rows : (r,) rows of the record that these are. residual : (r, 4). jacobian : (r, 4, p). is_used : (r, 4).
+    ruler_residual : (m,). ruler_jacobian : (m, p).
     """
 
+    rows: Ints
     residual: Array
     jacobian: Array
     is_used: Flags
@@ -43,14 +46,24 @@ class Whitened:
 
     @property
     def flat(self) -> Array:
-        """All residuals that are used, sensor by sensor and the ruler's behind them."""
-        return np.concatenate([self.residual.T[self.is_used.T], self.ruler_residual])
+        """All residuals that are used, row by row, and the ruler's behind them."""
+        return np.concatenate([self.residual[self.is_used], self.ruler_residual])
 
     @property
     def flat_jacobian(self) -> Array:
         """The derivatives of `flat`, (len(flat), p)."""
-        by_sensor = self.jacobian.transpose(1, 0, 2)[self.is_used.T]
-        return np.concatenate([by_sensor, self.ruler_jacobian])
+        width = self.jacobian.shape[2]
+        by_row = self.jacobian.reshape(-1, width) if self.is_used.all() else self.jacobian[self.is_used]
+        return np.concatenate([by_row, self.ruler_jacobian])
+
+
+def used_rows(record: LevelRecord) -> Ints:
+    """(r,) the rows of a record that have a reading, or are next to one by the ruler."""
+    is_wanted: Flags = np.array(np.isfinite(record.reading_V).any(axis=1))
+    for read in record.ruler:
+        at = _row_after(record, read.time_s)
+        is_wanted[at - 1 : at + 1] = True
+    return np.flatnonzero(is_wanted)
 
 
 def whitened(
@@ -61,38 +74,38 @@ def whitened(
     columns: Sequence[int],
     names: Sequence[str],
 ) -> Whitened:
-    """The residuals of a record, with derivatives in as many columns as there are names.
+    """The residuals of a record in the rows of the simulation's derivatives, with as many columns as there are names.
 
     names : of all columns, those of the sensors' parameters among them. columns : where the derivatives that the
     simulation has belong; the other columns are those of other records, or of the sensors.
     """
-    level_cm, n, width = simulated.level_cm, len(record.time_s), len(names)
+    rows, width = simulated.rows, len(names)
+    level_cm, reading_V = simulated.level_cm[rows], record.reading_V[rows]
     gains, offsets = np.array(model.sensors.gain_V_cm), np.array(model.sensors.offset_V)
-    samples = np.ones((n, 4)) if record.samples is None else np.where(record.samples > 0, record.samples, np.nan)
-    is_used = np.isfinite(record.reading_V) & np.isfinite(samples)
+    samples = np.ones((len(rows), 4)) if record.samples is None else record.samples[rows]
+    is_used = np.isfinite(reading_V) & (samples > 0.0)
     sd_V = np.array(noise_V) / np.sqrt(np.where(is_used, samples, 1.0))
     predicted_V = offsets + gains * level_cm
-    jacobian = np.zeros((n, 4, width))
-    jacobian[:, :, columns] = simulated.by * gains[None, :, None]
+    residual = np.where(is_used, (reading_V - predicted_V) / sd_V, 0.0)
+    factor = np.where(is_used, -1.0 / sd_V, 0.0)
+    _saturate(record, reading_V, predicted_V, sd_V, residual, factor)
+    jacobian = np.zeros((len(rows), 4, width))
+    jacobian[:, :, columns] = simulated.by * (factor * gains)[:, :, None]
     for position, name in enumerate(names):
-        for i in range(4):
-            if name == f"sensor_gain{i + 1}":
-                jacobian[:, i, position] = level_cm[:, i]
-            elif name == f"sensor_offset{i + 1}":
-                jacobian[:, i, position] = 1.0
-    jacobian /= -sd_V[:, :, None]
-    residual = np.where(is_used, (record.reading_V - predicted_V) / sd_V, 0.0)
-    _saturate(record, predicted_V, sd_V, residual, jacobian)
-    jacobian[~is_used] = 0.0
+        if name.startswith("sensor_"):
+            i = int(name[-1]) - 1
+            jacobian[:, i, position] = factor[:, i] * (level_cm[:, i] if name.startswith("sensor_gain") else 1.0)
     ruler_residual, ruler_jacobian = _ruler(record, simulated, columns, width)
-    return Whitened(residual, jacobian, is_used, ruler_residual, ruler_jacobian)
+    return Whitened(rows, residual, jacobian, is_used, ruler_residual, ruler_jacobian)
 
 
-def _saturate(record: LevelRecord, predicted_V: Array, sd_V: Array, residual: Array, jacobian: Array) -> None:
-    """Replace the residuals of saturated readings, in place."""
-    low_V, high_V = record.saturation_V
+def _saturate(
+    record: LevelRecord, reading_V: Array, predicted_V: Array, sd_V: Array, residual: Array, factor: Array
+) -> None:
+    """Replace the residuals of saturated readings, and what their derivatives are multiplied by, in place."""
+    low_V, high_V = record.ends
     with np.errstate(invalid="ignore"):
-        ends = ((record.reading_V <= low_V, low_V, -1.0), (record.reading_V >= high_V, high_V, 1.0))
+        ends = ((reading_V <= low_V, low_V, -1.0), (reading_V >= high_V, high_V, 1.0))
     for is_at_end, end_V, sign in ends:
         if not is_at_end.any():
             continue
@@ -102,18 +115,24 @@ def _saturate(record: LevelRecord, predicted_V: Array, sd_V: Array, residual: Ar
         density = np.exp(-0.5 * beyond**2 - log_p) / np.sqrt(2.0 * np.pi)
         slope = np.where(value > 1e-12, density / value, 0.0)  # -d value / d beyond
         residual[is_at_end] = sign * value
-        jacobian[is_at_end] *= slope[:, None]
+        factor[is_at_end] *= slope
+
+
+def _row_after(record: LevelRecord, time_s: float) -> int:
+    """The first row at or after this time that has one before it."""
+    return int(np.clip(np.searchsorted(record.time_s, time_s), 1, len(record.time_s) - 1))
 
 
 def _ruler(record: LevelRecord, simulated: Simulated, columns: Sequence[int], width: int) -> tuple[Array, Array]:
     """Residuals (m,) of the levels read by a ruler, and their derivatives (m, width)."""
     residual, jacobian = np.zeros(len(record.ruler)), np.zeros((len(record.ruler), width))
     for row, read in enumerate(record.ruler):
-        at = int(np.clip(np.searchsorted(record.time_s, read.time_s), 1, len(record.time_s) - 1))
+        at = _row_after(record, read.time_s)
+        slot = int(np.searchsorted(simulated.rows, at))
         before_s, after_s = record.time_s[at - 1], record.time_s[at]
         part = float(np.clip((read.time_s - before_s) / (after_s - before_s), 0.0, 1.0))
         level_cm = (1.0 - part) * simulated.level_cm[at - 1, read.tank] + part * simulated.level_cm[at, read.tank]
-        by = (1.0 - part) * simulated.by[at - 1, read.tank] + part * simulated.by[at, read.tank]
+        by = (1.0 - part) * simulated.by[slot - 1, read.tank] + part * simulated.by[slot, read.tank]
         residual[row] = (read.level_cm - level_cm) / read.sd_cm
         jacobian[row, columns] = -by / read.sd_cm
     return residual, jacobian

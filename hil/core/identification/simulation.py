@@ -22,6 +22,7 @@ from hil.core.tanks import equilibrium
 from hil.core.types import Quad
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 LEVELS = ("h1", "h2", "h3", "h4")
 """Names of the initial levels, behind those of the parameters."""
@@ -36,16 +37,21 @@ _integrate = entry_point(kernel.integrate)
 class Simulated:
     """What the model gives for a record.
 
-    level_cm : (n, 4). by : (n, 4, m) derivatives of the levels by the parameters that were asked for.
+    level_cm : (n, 4). rows : (r,) ascending, those of which the derivatives are known. by : (r, 4, m) derivatives of
+    the levels there by the parameters that were asked for.
     """
 
     level_cm: Array
     by: Array
+    rows: Ints
 
 
-def levels(model: RigModel, record: LevelRecord, initial_cm: Quad, wanted: Sequence[str] = ()) -> Simulated:
+def levels(
+    model: RigModel, record: LevelRecord, initial_cm: Quad, wanted: Sequence[str] = (), rows: Ints | None = None
+) -> Simulated:
     """Levels of a record, with their derivatives by the parameters of these names (h1..h4: initial levels).
 
+    rows : of which the derivatives are wanted, ascending; None: all.
     The initial levels are limited to those between empty and full. Before the first row the voltages were those of the
     first row.
     """
@@ -57,12 +63,16 @@ def levels(model: RigModel, record: LevelRecord, initial_cm: Quad, wanted: Seque
     for position, name in enumerate(wanted):
         column[ORDER[name]] = position
     level_cm = np.zeros((len(record.time_s), 4))
-    by = np.zeros((len(record.time_s), 4, len(wanted)))
+    n = len(record.time_s)
+    rows = np.arange(n, dtype=np.int64) if rows is None else rows
+    slot = np.full(n, -1, dtype=np.int64)
+    slot[rows] = np.arange(len(rows))
+    by = np.zeros((len(rows), 4, len(wanted)))
     start_cm = np.clip(np.array(initial_cm), 0.0, geometry.height_cm)
     time_s, voltage_V = np.array(record.time_s), np.array(record.voltage_V)
     theta = np.array(list(values_of(model).values()))
-    _integrate(theta, geometry, time_s, voltage_V, start_cm, column, level_cm, by)
-    return Simulated(level_cm, by)
+    _integrate(theta, geometry, time_s, voltage_V, start_cm, column, slot, level_cm, by)
+    return Simulated(level_cm, by, rows)
 
 
 def first_levels(model: RigModel, record: LevelRecord, window_s: float = 0.5) -> Quad:
@@ -75,7 +85,7 @@ def first_levels(model: RigModel, record: LevelRecord, window_s: float = 0.5) ->
     known = []
     for i, gain in enumerate((g1, g2, g3, g4)):
         early = record.reading_V[record.time_s <= record.time_s[0] + window_s, i]
-        low_V, high_V = record.saturation_V
+        low_V, high_V = record.ends
         early = early[(early > low_V) & (early < high_V)]
         level = record.initial_cm[i]
         if isnan(level):
