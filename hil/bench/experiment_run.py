@@ -24,7 +24,7 @@ from hil.bench.run_record import RunRecord, figures_of, removed_if_not_opened
 from hil.core.controller import Output
 from hil.core.experiment import Phase
 from hil.core.experiment_plan import BASIC_S, FULL_S, PlanSpec, envelope, plan
-from hil.core.experiment_steps import ExperimentConfig, ExperimentSteps
+from hil.core.experiment_steps import FAILED, ExperimentConfig, ExperimentSteps
 from hil.core.types import Inputs, Mode
 from hil.edge.can.bus import BusAddress, BusPort
 from hil.edge.can.pair_bus import pair
@@ -34,6 +34,7 @@ from hil.edge.host.clock import MonotonicClock, StopSignal
 from hil.edge.record.recorder_process import ProcessRecorder
 from hil.edge.record.run_folder import RunFolder, RunPlan
 from hil.loop import ControlLoop, Outcome
+from hil.review.ticks import read_events
 from hil.wire.contract import Contract
 
 PAUSE_NS = 500_000_000
@@ -95,11 +96,23 @@ class Stage(Protocol):
 
 
 class Aborted(Exception):  # noqa: N818 - the end of an experiment, not an error
-    """The experiment ended before its last phase. phase : in which. outcome : of that phase."""
+    """The experiment ended before its last phase. phase : in which. outcome : of that phase. path : its run folder."""
 
     def __init__(self, phase: Phase, outcome: Outcome, path: Path) -> None:
-        super().__init__(f"{phase.name}: {outcome.status} ({outcome.reason})")
         self.phase, self.outcome, self.path = phase, outcome, path
+        super().__init__(f"phase {phase.name}: {self.why}")
+
+    @property
+    def has_stopped_itself(self) -> bool:
+        """Whether the phase found something wrong."""
+        return self.outcome.reason.partition(";")[0] == FAILED
+
+    @property
+    def why(self) -> str:
+        """How the phase ended, in the words of the event that ended it."""
+        code = "experiment" if self.has_stopped_itself else "trip"
+        texts = [event.text for event in read_events(self.path / "events.jsonl") if event.code == code]
+        return texts[-1] if texts else f"{self.outcome.status}, {self.outcome.reason}"
 
 
 def phases_of(bench: ExperimentBench, options: ExperimentOptions) -> tuple[Phase, ...]:

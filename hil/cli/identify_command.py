@@ -139,9 +139,13 @@ def _aborted(aborted: Aborted, out: Path) -> int:
     """The line and the exit code of an experiment that ended early."""
     outcome = aborted.outcome
     code = exit_codes.of_run(outcome.status, outcome.reason) or exit_codes.INCOMPLETE
-    what = f"phase {aborted.phase.name}: {outcome.status}, {outcome.reason}"
+    if aborted.has_stopped_itself:
+        code = exit_codes.NOT_DONE
+    clearing = ", with --clear-trip if the pump node has tripped too" if outcome.status == "tripped" else ""
     return complain(
-        f"{what}; record in {aborted.path}; the phases before it are kept, the same command goes on (--out {out})", code
+        f"{aborted}; its record is {aborted.path}. What is recorded is kept: the same command goes on (--out {out})"
+        f"{clearing}",
+        code,
     )
 
 
