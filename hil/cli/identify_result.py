@@ -13,6 +13,7 @@ from rich.table import Table
 from hil.bench.identification_result import NotReplacedError, WrittenResult, replace_rig, write_result
 from hil.cli import exit_codes
 from hil.cli.complaint import complain
+from hil.core.identification.improvement import misfit_sentence
 from hil.core.identification.result import FittedParameter, Identification
 from hil.review.identification_words import number, structure_words
 
@@ -53,6 +54,8 @@ def _show(console: Console, identification: Identification, result: WrittenResul
         console.print(parameter_table(identification.parameters))
         _say(console, f"structure: {structure_words(identification)}")
         _say(console, result.improvement.sentence)
+        if missing := misfit_sentence(identification):
+            _say(console, missing)
     for direction in identification.null_directions:
         _say(console, f"not determined: {direction.text}")
     if result.rig is not None:

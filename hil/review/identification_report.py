@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import isfinite
 
 from hil.core.counted import counted
-from hil.core.identification.improvement import Improvement, improvement
+from hil.core.identification.improvement import Improvement, improvement, misfit_sentence
 from hil.core.identification.result import FittedParameter, Identification
 from hil.review import identification_figures as figures
 from hil.review import page, run_figures
@@ -110,7 +110,9 @@ def _held_out(identification: Identification, better: Improvement) -> str:
         )
     ]
     heads = ["RMS error of the simulation", "old file", "identified", "noise of a reading"]
-    return page.paragraphs([better.sentence]) + page.table(heads, rows, numeric=frozenset((1, 2, 3)))
+    missing = misfit_sentence(identification)
+    warning = f'<p class="WARN">{page.escape(missing)}</p>' if missing else ""
+    return page.paragraphs([better.sentence]) + warning + page.table(heads, rows, numeric=frozenset((1, 2, 3)))
 
 
 def _table(parameters: Sequence[FittedParameter]) -> str:

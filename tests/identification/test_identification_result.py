@@ -16,7 +16,7 @@ from rich.console import Console
 from hil.bench.identification_result import NotReplacedError, replace_rig, write_result
 from hil.cli.commands.view import view
 from hil.cli.identify_result import finish
-from hil.core.identification.improvement import improvement
+from hil.core.identification.improvement import improvement, misfit_sentence
 from hil.core.identification.result import Identification
 from hil.edge.config.rig_file import load_rig
 from hil.edge.record.run_folder import IncompleteRecordError
@@ -199,6 +199,13 @@ def test_sensors_that_the_held_out_record_lacks_do_not_count() -> None:
         identification(holdout_rmse_before_V=(0.02, nan, 0.02, 1.0), holdout_rmse_V=(0.01, 1.0, 0.01, nan))
     )
     assert better.share == pytest.approx(0.5)
+
+
+def test_a_model_that_misses_the_held_out_record_is_said_to_lack_something() -> None:
+    found = without_records(holdout_rmse_V=(0.005, 0.034, 0.006, math.nan))
+    assert "misses sensor 2 in the held-out record by 6.8 times its noise" in misfit_sentence(found)
+    assert "misses sensor 2" in _report(found)
+    assert misfit_sentence(without_records()) == ""
 
 
 def test_a_full_disk_leaves_the_old_rig_file_and_names_the_file(

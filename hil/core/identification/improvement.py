@@ -11,6 +11,10 @@ MIN_IMPROVEMENT = 0.1
 """An old file is replaced only by one whose error on the held-out record is smaller by this share."""
 
 
+MAX_MISFIT = 2.0
+"""A held-out error of more noises than this says that the model lacks something."""
+
+
 @dataclass(frozen=True, slots=True)
 class Improvement:
     """before_V, after_V : RMS error over all sensors of the held-out record; NaN if there is none."""
@@ -49,3 +53,18 @@ def improvement(identification: Identification) -> Improvement:
 
 def _rms(values: list[float]) -> float:
     return sqrt(sum(value**2 for value in values) / len(values)) if values else float("nan")
+
+
+def misfit_sentence(identification: Identification) -> str:
+    """What is missing where the identified rig does not predict the held-out record to its noise; "" where it does."""
+    sensors = enumerate(zip(identification.holdout_rmse_V, identification.model.noise_V, strict=True), start=1)
+    shares = {
+        sensor: error_V / noise_V for sensor, (error_V, noise_V) in sensors if noise_V > 0.0 and isfinite(error_V)
+    }
+    if not shares or max(shares.values()) <= MAX_MISFIT:
+        return ""
+    worst = max(shares, key=lambda sensor: shares[sensor])
+    return (
+        f"The identified model misses sensor {worst} in the held-out record by {shares[worst]:.2g} times its noise: "
+        "the rig has something that this structure does not describe, or it has changed during the records."
+    )
