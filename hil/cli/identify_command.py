@@ -30,7 +30,7 @@ from hil.edge.can.bus import BusAddress
 from hil.edge.config.points_file import load_points
 from hil.edge.config.settings_file import SettingsError
 
-REFUSED = "no"
+REFUSALS = ("n", "no", "q", "quit")
 
 
 @dataclass(frozen=True)
@@ -119,17 +119,24 @@ class Confirmation:
         phase = phases[index]
         if self._is_first:
             self._is_first = False
-            total_min = sum(one.max_s for one in phases) / 60.0
-            self._say(f"experiment of {len(phases)} phases, at most {total_min:.0f} min; record in {self._out}")
+            moving_min = sum(one.moving_s for one in phases) / 60.0
+            self._say(
+                f"experiment of {len(phases)} phases, {moving_min:.0f} min, after the tanks are empty; "
+                f"record in {self._out}"
+            )
         head = f"phase {index + 1} of {len(phases)}, {phase.name}"
         if recorded is not None:
             self._say(f"{head}: is recorded in {recorded}")
             return True
-        self._say(f"{head}: {phase.text}; at most {phase.max_s:.0f} s")
+        self._say(f"{head}: {phase.text}; {phase.moving_s:.0f} s")
         if self._is_confirmed:
             return True
-        answer = self._console.input("Enter starts it, n ends the experiment: ")
-        return answer.strip().lower() not in ("n", REFUSED, "q", "quit")
+        try:
+            answer = self._console.input("Enter starts it, n ends the experiment: ")
+        except EOFError:
+            self._say("nobody answers; --yes begins every phase without asking")
+            return False
+        return answer.strip().lower() not in REFUSALS
 
     def _say(self, text: str) -> None:
         self._console.print(text, highlight=False, markup=False, soft_wrap=True)

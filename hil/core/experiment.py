@@ -70,6 +70,12 @@ class Phase:
         """The longest that the phase can take."""
         return sum(segment.max_s for segment in self.segments)
 
+    @property
+    def moving_s(self) -> float:
+        """The same without what waits for the levels, or for somebody who reads them."""
+        waits = (Until.STILL, Until.ANSWERED)
+        return sum(segment.max_s for segment in self.segments if segment.until not in waits)
+
 
 @dataclass(frozen=True, slots=True)
 class Envelope:

@@ -20,7 +20,10 @@ TOP_SHARE, MIDDLE_SHARE, LOW_SHARE = 0.8, 0.4, 0.1
 """Shares of `safety.level_max_cm`: top of the envelope, levels around which the rig moves, and lower end."""
 
 MAX_EMPTYING_S = 300.0
-STILL_S = 8.0
+STILL_S, MIN_STILL_S = 8.0, 2.0
+MIN_FILLING_S = 10.0
+"""However short the experiment."""
+
 MAX_READING_S = 600.0
 """How long the rig waits for somebody to read the levels."""
 
@@ -124,8 +127,8 @@ def _voltage(spec: PlanSpec, drives: Pair) -> Pair:
 def _fill(spec: PlanSpec) -> Phase:
     middle_cm = MIDDLE_SHARE * spec.level_max_cm
     segments = (
-        Segment((0.0, 0.0), MAX_EMPTYING_S, Until.STILL, still_s=STILL_S),
-        _at(spec, 1.4, 1.4, 60.0, Until.FILLED, level_cm=middle_cm),
+        Segment((0.0, 0.0), MAX_EMPTYING_S, Until.STILL, still_s=max(STILL_S * spec.time_scale, MIN_STILL_S)),
+        _at(spec, 1.4, 1.4, max(60.0, MIN_FILLING_S / spec.time_scale), Until.FILLED, level_cm=middle_cm),
         _at(spec, 1.0, 1.0, 25.0),
     )
     text = "pumps at 0 V until the tanks are empty, then both pumps fill them"

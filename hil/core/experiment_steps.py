@@ -143,7 +143,7 @@ def _belief(state: ExperimentState, level_cm: Quad) -> Belief:
 
 def _events(phase: Phase, before: PhaseState, now: PhaseState) -> tuple[Event, ...]:
     if now.problem:
-        return (Event(Severity.ERROR, "experiment", f"{phase.name}: {now.problem}", {"phase": "failed"}),)
+        return (Event(Severity.ERROR, "experiment", f"the phase stops: {now.problem}", {"phase": "failed"}),)
     if now.is_over:
         return (Event(Severity.INFO, "experiment", f"{phase.name} is complete", {"phase": "end"}),)
     events: tuple[Event, ...] = ()

@@ -37,7 +37,7 @@ def identify(
     ] = False,
     minutes: Annotated[
         Optional[float],
-        typer.Option("--minutes", metavar="M", min=0.2, max=120.0, help="Length of the experiment. Default: 11.5, 24."),
+        typer.Option("--minutes", metavar="M", min=0.4, max=120.0, help="Length of the experiment. Default: 11.5, 24."),
     ] = None,
     ruler: Annotated[
         bool, typer.Option("--ruler", help="Ask for levels read by a ruler, when they stand still.")
