@@ -48,6 +48,7 @@ lint: $(READY)   ## style, types, architecture, words
 	$(BIN)/lint-imports
 	$(BIN)/python -m tools.words
 
+unit: export OPENBLAS_NUM_THREADS := 1
 unit: $(READY)   ## the test suite: on all cores, then live runs beside each other, then those that measure time, alone
 	$(BIN)/python -m pytest -n $(WORKERS) $(BY_FILE) tests/safety tests/wire $(COVERED)
 	$(BIN)/python -m pytest -n $(WORKERS) $(BY_FILE) -m "not live and not long and not socketcan" --ignore=tests/safety --ignore=tests/wire

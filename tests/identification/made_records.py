@@ -1,7 +1,12 @@
-"""Records for the tests of identification, made by a plain simulation of their own (small Euler steps, no kernel)."""
+"""Records for the tests of identification.
+
+`levels_of` is a plain simulation of its own (small Euler steps, no kernel), to check the compiled one; records for the
+tests of the fit are made with the compiled one, which is quick.
+"""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import sqrt
 
 import numpy as np
@@ -9,6 +14,7 @@ from numpy.typing import NDArray
 
 from hil.core.identification.parameters import RigModel
 from hil.core.identification.records import LevelRecord
+from hil.core.identification.simulation import simulate
 from hil.core.types import Quad
 
 Array = NDArray[np.float64]
@@ -63,13 +69,9 @@ def record_of(
     saturation_V: tuple[float, float] = (0.0, 10.24),
 ) -> LevelRecord:
     """A record with white noise of the model's own size, cut off at the ends of the saturation."""
-    level_cm = levels_of(model, voltage_V, period_s, initial_cm)
+    n = len(voltage_V)
+    empty = LevelRecord(name, np.arange(n, dtype=float) * period_s, voltage_V, np.zeros((n, 4)))
+    level_cm = simulate(model, empty, initial_cm).level_cm
     noise_V = np.random.default_rng(seed).standard_normal(level_cm.shape) * np.array(model.noise_V)
     reading_V = np.array(model.sensors.offset_V) + np.array(model.sensors.gain_V_cm) * level_cm + noise_V
-    return LevelRecord(
-        name=name,
-        time_s=np.arange(len(voltage_V), dtype=float) * period_s,
-        voltage_V=voltage_V,
-        reading_V=np.clip(reading_V, *saturation_V),
-        saturation_V=saturation_V,
-    )
+    return replace(empty, reading_V=np.clip(reading_V, *saturation_V), saturation_V=saturation_V)

@@ -10,6 +10,7 @@ Pure, as all of `hil.core`: numbers in, numbers out. Module by module:
     residuals    whitened residuals; saturated readings; the ruler's
     unknowns     what a fit looks for, with limits and priors
     minimum      the minimum at a given noise, and the noise of residuals
+    starts       other starts, for a fit that ended far from its readings
     fit          the least-squares fit
     result       what an identification returns
 """

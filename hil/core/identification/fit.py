@@ -5,7 +5,8 @@ scipy's trust-region method (`least_squares`, method "trf") and the derivatives 
 is soft_l1 with its bend at `OUTLIER_SD` standard deviations; priors are plain squares.
 
 The noise of each sensor is the scale of its own residuals: it is estimated and the fit repeated until it stays. First
-all this is done with `COARSE_ROWS` rows of each record, then with all.
+all this is done with `COARSE_ROWS` rows of each record, from more than one start where need be (`starts`), then with
+all.
 
 Why so: `docs/decisions/0029-identification-fit.md`.
 """
@@ -14,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +26,7 @@ from hil.core.identification.records import LevelRecord
 from hil.core.identification.residuals import Whitened
 from hil.core.identification.result import Prediction
 from hil.core.identification.simulation import levels, prediction
+from hil.core.identification.starts import MISFIT, SAME, misfit, other_starts, reading_noise, size_of
 from hil.core.identification.unknowns import FIXED, unknowns
 from hil.core.types import Pair, Quad
 
@@ -31,6 +34,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 OUTLIER_SD = 3.0
+MAX_STARTS = 5
 COARSE_ROWS = 1500
 NOISE_ROUNDS = 6
 
@@ -131,12 +135,14 @@ def fit(
     *,
     limits: Mapping[str, Pair] | None = None,
     outlier_sd: float = OUTLIER_SD,
+    starts: int = MAX_STARTS,
 ) -> Fit:
     """Fit the parameters of a rig, and the initial levels of each record that are not known.
 
     choices : how parameters are treated, by name or group; without a choice gains, splits, outlets and lags are free,
     all else is fixed. A prior is centred on the start. limits : in place of `unknowns.LIMITS`, by name or group.
-    outlier_sd : residuals beyond so many standard deviations count ever less.
+    outlier_sd : residuals beyond so many standard deviations count ever less. starts : at most so many are tried where
+    the residuals stay much larger than the noise.
 
     Raises ValueError for no records, two of the same name, an unknown choice, or nothing to be fitted.
     """
@@ -145,7 +151,7 @@ def fit(
     if not wanted.names:
         raise ValueError("nothing to fit: all parameters are fixed and all initial levels known")
     coarse = Problem(tuple(_thinned(record) for record in records), start, wanted, start.noise_V, outlier_sd)
-    minimum, problem, count = _with_noise(coarse, wanted.start, COARSE)
+    minimum, problem, count = _from_afar(coarse, starts)
     minimum, problem, more = _with_noise(replace(problem, records=records), minimum.values, FINE)
     return _result(problem, minimum, count + more)
 
@@ -163,6 +169,24 @@ def fit_initial(model: RigModel, record: LevelRecord, until_s: float | None = No
         first, second, third, fourth = record.initial_cm
         return first, second, third, fourth
     return fit((record,), model, fixed).records[0].initial_cm
+
+
+def _from_afar(problem: Problem, starts: int) -> tuple[Minimum, Problem, int]:
+    """The best minimum of several starts, with the noise there; only the first start where it fits the readings."""
+    noise_V = reading_noise(problem.records)
+    best, count, size = None, 0, inf
+    for values in [problem.unknowns.start, *other_starts(problem.unknowns)][:starts]:
+        minimum, there, more = _with_noise(problem, values, COARSE)
+        residual_V = noise_of(there, minimum.values, is_pooled=False)
+        own = size_of(residual_V)
+        count += more
+        is_same = abs(own - size) < SAME
+        if best is None or own < size:
+            best, size = (minimum, there), own
+        if misfit(residual_V, noise_V) < MISFIT or is_same:
+            break
+    assert best is not None  # noqa: S101 - there is one start at least
+    return (*best, count)
 
 
 def _with_noise(problem: Problem, values: Array, stage: _Stage) -> tuple[Minimum, Problem, int]:

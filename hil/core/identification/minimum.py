@@ -140,7 +140,7 @@ def noise_of(problem: Problem, values: Array, is_pooled: bool) -> Quad:
     ]
     if is_pooled:
         residuals = [np.concatenate(residuals)] * 4
-    scales = [_scale(residual) if len(residual) > 8 else 1.0 for residual in residuals]
+    scales = [robust_scale(residual) if len(residual) > 8 else 1.0 for residual in residuals]
     n1, n2, n3, n4 = (max(old * scale, MIN_NOISE_V) for old, scale in zip(problem.noise_V, scales, strict=True))
     return n1, n2, n3, n4
 
@@ -155,7 +155,7 @@ def _inside(found: Whitened, record: LevelRecord, sensor: int) -> Array:
     return inside
 
 
-def _scale(residual: Array) -> float:
+def robust_scale(residual: Array) -> float:
     """Standard deviation without outliers: residuals are limited to three times the result."""
     scale = 1.4826 * float(np.median(np.abs(residual))) or float(np.std(residual)) or 1e-9
     for _ in range(50):
