@@ -1,0 +1,159 @@
+"""The structure: which extensions of the basic model the data ask for, decided by a record that no fit has seen.
+
+The models are nested: each extension (dead zone, curve, delay, datum, sensor gains, sensor offsets, share of the
+overflow) is free, or is as the file has it. The search begins with all of them and takes away the one with the weakest
+evidence (Wald's statistic over its number of parameters), fits again, and predicts the held-out record with both. The
+extension goes unless the prediction without it is worse by more than chance: both predictions are whitened with the
+same noise model, so that the difference of their sums of squares would be about minus its number of parameters for an
+extension that is not there, with a standard deviation of about twice the square root of it. The margin is four times
+that: fewer parameters win where both predict alike. The cost of the fit itself decides nothing.
+
+Where the records leave basic parameters undetermined (a pump that never moved), a held-out record in which they matter
+can't judge: then, and only then, the fit itself does, with the margin of Schwarz's criterion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import log, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.core.identification.estimate import Estimate, Priors, Problem, estimate, minimise
+from hil.core.identification.noise_model import NoiseModel
+from hil.core.identification.null_directions import identifiability
+from hil.core.identification.parameters import BASIC, BY_NAME, PARAMETERS, Choice, RigModel, values_of
+from hil.core.identification.records import LevelRecord
+from hil.core.identification.unknowns import FIXED, FREE, unknowns
+
+Array = NDArray[np.float64]
+
+MARGIN_FIXED, MARGIN_SD = 6.0, 4.0
+REDUCED_STEPS = 6
+GIVEN_UP_FIRST = ("overflow", "delay", "sensor_gain", "curve", "datum", "sensor_offset", "dead_zone")
+
+
+@dataclass(frozen=True, eq=False)
+class StructureChoice:
+    """groups : the extensions that stay. fixed : parameters of them that the records can't determine.
+
+    estimate : with them. trace : each decision: group, how much worse the prediction is without it, whether it stays.
+    """
+
+    groups: tuple[str, ...]
+    fixed: Mapping[str, Choice]
+    estimate: Estimate
+    trace: tuple[tuple[str, float, bool], ...]
+
+
+def held_out_square(model: RigModel, records: Sequence[LevelRecord], noise: NoiseModel) -> float:
+    """Sum of the squared white residuals of a simulation of these records; unknown initial levels are fitted."""
+    fixed = {row.group: FIXED for row in PARAMETERS}
+    wanted = unknowns(records, model, fixed)
+    problem = Problem(tuple(records), model, wanted, Priors({}, {}))
+    if not wanted.names:
+        return problem.normal(wanted.start, noise).cost
+    _, normal, _ = minimise(problem, wanted.start, noise)
+    return normal.cost
+
+
+def choose_structure(
+    records: Sequence[LevelRecord],
+    held_out: Sequence[LevelRecord],
+    start: RigModel,
+    candidates: Sequence[str],
+    choices: Mapping[str, Choice],
+    priors: Priors,
+) -> StructureChoice:
+    """Take extensions away as long as the held-out records are predicted as well. candidates : groups."""
+    full = estimate(records, start, {**choices, **dict.fromkeys(candidates, FREE)}, priors)
+    lost, is_judged = hopeless(full, candidates)
+    choices = {**choices, **dict.fromkeys(lost, FIXED)}
+    kept = [group for group in candidates if any(r.group == group and r.name not in lost for r in PARAMETERS)]
+    free = dict.fromkeys(kept, FREE)
+    current = full
+    if lost:
+        near = dict(zip(full.names, full.values.tolist(), strict=True))
+        current = estimate(records, start, {**free, **choices}, priors, near=near)
+    noise = current.noise
+    judge = held_out if is_judged else ()
+    square = _judged(current, judge, noise)
+    settled: set[str] = set()
+    trace = []
+    while len(settled) < len(kept):
+        group = min((name for name in kept if name not in settled), key=lambda name: evidence(current, start, name))
+        fewer = [name for name in kept if name != group]
+        reduced = estimate(
+            records,
+            start,
+            {**dict.fromkeys(fewer, FREE), **choices},
+            priors,
+            near=reduced_values(current, start, group),
+            noise=noise,
+            max_steps=REDUCED_STEPS,
+        )
+        without = _judged(reduced, judge, noise)
+        count = len(_group(current, start, group)[0])
+        is_needed = without - square > _margin(current, count, is_judged)
+        trace.append((group, without - square, is_needed))
+        if is_needed:
+            settled.add(group)
+        else:
+            kept, current, square = fewer, reduced, without
+    groups = tuple(group for group in candidates if group in kept)
+    return StructureChoice(groups, dict.fromkeys(lost, FIXED), current, tuple(trace))
+
+
+def hopeless(full: Estimate, candidates: Sequence[str]) -> tuple[tuple[str, ...], bool]:
+    """Parameters of extensions that the records can't determine, and whether they determine all basic parameters.
+
+    Where two extensions are known only together, the one that comes first in `GIVEN_UP_FIRST` is given up.
+    """
+    rows, ruler = full.normal.white.sensitivity, full.normal.ruler
+    keep = np.arange(len(full.names))
+    lost: list[str] = []
+    while True:
+        names, values = [full.names[i] for i in keep], full.values[keep].tolist()
+        told = identifiability(rows[:, keep], ruler[np.ix_(keep, keep)], names, values)
+        unknown = [name for name in told.undetermined if BY_NAME[name].group in candidates]
+        if not unknown:
+            return tuple(lost), not any(BY_NAME[name].group in BASIC for name in told.undetermined)
+        first = min((BY_NAME[name].group for name in unknown), key=GIVEN_UP_FIRST.index)
+        now = [name for name in unknown if BY_NAME[name].group == first]
+        lost += now
+        keep = np.array([i for i in keep if full.names[i] not in now])
+
+
+def _judged(found: Estimate, judge: Sequence[LevelRecord], noise: NoiseModel) -> float:
+    """What is compared: sum of squares on the held-out records, or of the fit itself where there is no judge."""
+    return held_out_square(found.model, judge, noise) if judge else found.normal.cost
+
+
+def _margin(found: Estimate, count: int, is_judged: bool) -> float:
+    if is_judged:
+        return MARGIN_FIXED + MARGIN_SD * sqrt(count)
+    return MARGIN_FIXED + count * log(max(len(found.normal.white.residual), 2))
+
+
+def evidence(found: Estimate, start: RigModel, group: str) -> float:
+    """Wald's statistic of a group against the file's values, over its number of parameters."""
+    at, away = _group(found, start, group)
+    block = found.covariance[np.ix_(at, at)]
+    return float(away @ np.linalg.pinv(block, hermitian=True) @ away) / max(len(at), 1)
+
+
+def reduced_values(found: Estimate, start: RigModel, group: str) -> dict[str, float]:
+    """Where the other unknowns move, by linear theory, if a group is as in the file."""
+    at, away = _group(found, start, group)
+    block = found.covariance[np.ix_(at, at)]
+    values = found.values - found.covariance[:, at] @ np.linalg.pinv(block, hermitian=True) @ away
+    limits = found.problem.unknowns
+    return dict(zip(found.names, np.clip(values, limits.low, limits.high).tolist(), strict=True))
+
+
+def _group(found: Estimate, start: RigModel, group: str) -> tuple[list[int], Array]:
+    own = values_of(start)
+    at = [i for i, name in enumerate(found.names) if name in BY_NAME and BY_NAME[name].group == group]
+    return at, np.array([found.values[i] - own[found.names[i]] for i in at])
