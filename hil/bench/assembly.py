@@ -302,6 +302,7 @@ def safety_limits(rig: Rig) -> Limits:
         stops_on_lost_lower_level=safety.lost_lower_level == "stop",
         bypass_max_s=safety.bypass_max_s,
         pumps=path,
+        unknown_fault_max_s=safety.unknown_fault_max_s,
     )
 
 

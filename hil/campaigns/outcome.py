@@ -15,7 +15,7 @@ from hil.campaigns.cases import Case
 from hil.campaigns.observer import Observations, rate_broken
 from hil.campaigns.rig_draw import is_honest
 from hil.campaigns.row import CRASHED, Elapsed, Row
-from hil.core.types import UNRESOLVED, Pair, Quad
+from hil.core.types import NAMELESS, Pair, Quad
 from hil.edge.record.run_folder import Window
 from hil.loop import Outcome as Ending
 from hil.review.alarms import Finding, Injected, Judgement, injected, judge, merged
@@ -267,7 +267,7 @@ def _ending(seen: Observations, ending: Ending) -> dict[str, Any]:
 
 
 def _name_of(finding: Finding) -> str:
-    return finding.kind if finding.kind == UNRESOLVED else f"{finding.kind} {finding.target}"
+    return finding.kind if finding.kind in NAMELESS else f"{finding.kind} {finding.target}"
 
 
 def _json(value: Any) -> str:

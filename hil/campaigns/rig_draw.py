@@ -12,7 +12,7 @@ from random import Random
 from typing import Any
 
 from hil.campaigns.draw_spec import RATIOS, Draw, DrawnReferences
-from hil.core.types import Pair, Quad
+from hil.core.types import UNKNOWN, Pair, Quad
 from hil.edge.config.settings_file import SettingsError
 
 DIGITS = 4
@@ -133,11 +133,14 @@ def draw_rig(spec: Draw, base: RigNumbers, seed: int, duration_s: float) -> Draw
 def is_honest(drawn: Mapping[str, Any], kind: str, target: object, size: float | None) -> bool:
     """Whether an alarm on a drawn rig that the controller does not know says nothing but the truth.
 
-    It may say that a pump gives more or less than its file, within `SIZE_TOLERANCE` of what it gives.
+    It may say that a pump gives more or less than its file, within `SIZE_TOLERANCE` of what it gives, and that no known
+    fault explains what it sees.
     """
     ratios = drawn.get("flow_ratio")
     if ratios is None:
         return False
+    if kind == UNKNOWN:
+        return True
     if kind != PUMP_GAIN or target not in (1, 2) or size is None:
         return False
     low, high = ratios[int(str(target)) - 1]

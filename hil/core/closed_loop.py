@@ -20,7 +20,19 @@ from hil.core.reconfiguration import Reconfiguration
 from hil.core.sensors import PLAIN, LevelSensors
 from hil.core.start_phase import StartConfig, StartPhase
 from hil.core.state_feedback import ControlLaw
-from hil.core.types import UNRESOLVED, Alarm, Diagnosis, Event, Inputs, Measurement, Pair, Quad, Severity, Waterways
+from hil.core.types import (
+    UNKNOWN,
+    UNRESOLVED,
+    Alarm,
+    Diagnosis,
+    Event,
+    Inputs,
+    Measurement,
+    Pair,
+    Quad,
+    Severity,
+    Waterways,
+)
 
 TIME_TOLERANCE_S = 1e-6
 """Tolerance for comparing times, against rounding of floats."""
@@ -332,9 +344,13 @@ def _events(old: LoopState, new: LoopState) -> tuple[Event, ...]:
 
 def _alarm(alarm: Alarm) -> Event:
     if alarm.is_recovery:
-        text = f"{alarm.kind} {alarm.target} is over"
+        text = (
+            "what no known fault explained is over" if alarm.kind == UNKNOWN else f"{alarm.kind} {alarm.target} is over"
+        )
     elif alarm.kind == UNRESOLVED:
         text = f"a fault: {' or '.join(alarm.candidates)}"
+    elif alarm.kind == UNKNOWN:
+        text = f"something that no known fault explains: {alarm.looks}"
     else:
         text = f"{alarm.kind} {alarm.target}: {alarm.size:.3f}"
     return Event(Severity.WARNING, "alarm", text, asdict(alarm))

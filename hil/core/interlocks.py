@@ -22,6 +22,9 @@ from hil.core.types import Diagnosis, Inputs, NodeState, Pair, Quad, TripCause
 ALL = (True, True, True, True)
 NO_FAULT = Diagnosis()
 
+UNKNOWN_MARGIN_CM = 2.0
+"""While something is wrong that no known fault explains, a reading may come no closer to `level_max_cm`."""
+
 LOSSY_AGE_FACTOR = 3.0
 """A heartbeat may be this many times older on a bus that loses frames: at 5 %, two in a row are lost every minute."""
 
@@ -35,6 +38,7 @@ class Limits:
     errors_per_s_max : an interlock is active from this number on. echo_tolerance_V, echo_mismatch_s : by how much and
     for how long the applied voltages may differ from the echoed command. dead_below : a pump with less effectiveness is
     dead. dry_run_V : two dead pumps, one driven above this voltage, run dry. bypass_max_s : the longest bypass.
+    unknown_fault_max_s : for how long a run goes on while something is wrong that no known fault explains.
     """
 
     range_V: Pair
@@ -60,6 +64,7 @@ class Limits:
     stops_on_lost_lower_level: bool
     bypass_max_s: float
     pumps: PumpPath = STRAIGHT
+    unknown_fault_max_s: float = 60.0
 
     @property
     def max_drives(self) -> Pair:
@@ -205,6 +210,17 @@ def _describe_possible(s: Situation) -> str:
     return "" if s.possible_cm is None else f"its inflow would hold up to {max(s.possible_cm):.2f} cm"
 
 
+def _is_high_for_unknown(limits: Limits, s: Situation) -> bool:
+    """While a fault is unknown: a reading near the limit, or a level by the model above it, which may be true."""
+    diagnosis = s.diagnosis
+    if not diagnosis.is_unknown:
+        return False
+    if max(s.level_cm) > limits.level_max_cm - UNKNOWN_MARGIN_CM:
+        return True
+    model_V = diagnosis.possible_V
+    return model_V is not None and max(model_V) / limits.level_gain_V_cm > limits.level_max_cm
+
+
 def _is_dry_run(limits: Limits, s: Situation) -> bool:
     """No driven pump delivers water. A pump at rest whose state is unproven does not count as delivering."""
     dead1, dead2 = (left < limits.dead_below for left in s.diagnosis.effectiveness)
@@ -341,6 +357,21 @@ INTERLOCKS: tuple[Interlock, ...] = (
         "a lower tank leaks, or it is fuller than its sensor shows",
         Reaction.STOP,
         detail=_describe_possible,
+    ),
+    Interlock(
+        TripCause.HIGH_LEVEL,
+        _is_high_for_unknown,
+        "something is wrong that no known fault explains, and a level is or may be high",
+        Reaction.STOP,
+        detail=_describe_levels,
+    ),
+    Interlock(
+        TripCause.UNKNOWN_FAULT,
+        lambda m, s: s.diagnosis.unknown_s > m.unknown_fault_max_s,
+        "something is wrong that no known fault explains",
+        Reaction.STOP,
+        may_bypass=True,
+        detail=lambda s: f"for {s.diagnosis.unknown_s:.0f} s",
     ),
     Interlock(
         TripCause.NO_STABLE_LAW,

@@ -21,7 +21,7 @@ import numpy as np
 from hil.core.inflow_watch import LEARN_S
 from hil.core.state_feedback import ControlLaw
 from hil.core.tanks import TankModel, equilibrium, through_flow_matrix
-from hil.core.types import UNRESOLVED, Alarm, Event, Pair, Quad, Severity
+from hil.core.types import NAMELESS, Alarm, Event, Pair, Quad, Severity
 
 Doubts = tuple[tuple[int, tuple[str, ...], float], ...]
 """Alarms that are not resolved, and named leaks of a lower tank: number, candidates, run time since when."""
@@ -187,7 +187,7 @@ def open_doubts(before: Doubts, alarms: Sequence[Alarm], t_s: float) -> Doubts:
         name = f"{alarm.kind} {alarm.target}"
         if alarm.is_recovery:
             continue
-        if alarm.kind == UNRESOLVED:
+        if alarm.kind in NAMELESS:
             open_[alarm.number] = (alarm.candidates, since_s)
         elif name in LEAKS:
             open_[alarm.number] = ((name,), since_s)

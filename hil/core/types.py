@@ -69,6 +69,7 @@ class TripCause(StrEnum):
     NO_STABLE_LAW = "no_stable_law"
     START_FAILED = "start_failed"
     ESTIMATOR_DIVERGED = "estimator_diverged"
+    UNKNOWN_FAULT = "unknown_fault"
     BUS_FAILED = "bus_failed"
     CONTROLLER_FAILED = "controller_failed"
 
@@ -231,8 +232,9 @@ class Alarm:
     kind, target : as in a scenario's [[fault]]; `UNRESOLVED`, 0 while several candidates remain.
     size : in the unit of the scenario's `value` (for `pump_effectiveness`: the remaining effectiveness).
     size_std : its standard deviation; NaN if unknown. onset_s : estimated onset. isolated_s : when kind and target were
-    determined; None before. candidates : "kind target" of all possible faults, the most likely first. is_recovery : the
-    fault is over (a pump has recovered, a sensor is trusted again).
+    determined; None before. candidates : "kind target" of all possible faults, the most likely first; for `UNKNOWN`
+    those that it resembles most. is_recovery : the fault is over (a pump has recovered, a sensor is trusted again).
+    looks : of `UNKNOWN`, what it looks like, a sentence.
     """
 
     detected_s: float
@@ -245,10 +247,17 @@ class Alarm:
     candidates: tuple[str, ...] = ()
     number: int = 0
     is_recovery: bool = False
+    looks: str = ""
 
 
 UNRESOLVED = "unresolved"
 """Kind of an alarm whose fault is not isolated yet."""
+
+UNKNOWN = "unknown"
+"""Kind of an alarm about something that no known fault explains."""
+
+NAMELESS = (UNRESOLVED, UNKNOWN)
+"""Kinds of alarms that name no fault."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -298,6 +307,9 @@ class Diagnosis:
     level_walk_cm_sqrt_s : (4,) standard deviation of the levels' random walk after a second, cm, as learned; NaN where
     nothing is learned.
     open_question : what a movement of the pumps would answer; None if nothing.
+    is_unknown : something is wrong that no known fault explains. unknown_s : for how long it has been, s; it counts
+    down slowly afterwards. possible_V : (4,) the levels that the pumps would have caused without it, which the tanks
+    may have if the sensors are what is wrong; None if nothing is unknown.
     """
 
     effectiveness: Pair = (1.0, 1.0)
@@ -314,11 +326,15 @@ class Diagnosis:
     waterways: Waterways | None = None
     level_walk_cm_sqrt_s: Quad = (nan, nan, nan, nan)
     open_question: OpenQuestion | None = None
+    is_unknown: bool = False
+    unknown_s: float = 0.0
+    possible_V: Quad | None = None
 
     @property
     def has_fault(self) -> bool:
-        """Whether a pump or a sensor has a fault."""
-        return self.effectiveness != (1.0, 1.0) or not all(self.trusted) or any(self.stuck_on)
+        """Whether a pump or a sensor has a fault, or something is wrong that no known fault explains."""
+        is_named = self.effectiveness != (1.0, 1.0) or not all(self.trusted) or any(self.stuck_on)
+        return is_named or self.is_unknown
 
 
 @dataclass(frozen=True, slots=True)

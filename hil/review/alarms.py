@@ -14,7 +14,7 @@ from typing import Any
 
 from hil.core.fault_course import FaultCourse
 from hil.core.fault_kinds import FaultKind, fault_kind
-from hil.core.types import UNRESOLVED
+from hil.core.types import NAMELESS, UNRESOLVED
 
 TIME_TOLERANCE_S = 1e-6
 ALSO_CALLED: Mapping[str, str] = {FaultKind.PUMP_DEAD: FaultKind.PUMP_EFFECTIVENESS}
@@ -27,7 +27,8 @@ class Finding:
 
     kind, target, size, size_std, onset_s, candidates : as last reported; see `hil.core.types.Alarm`. detected_s : time
     of the first report. first_candidates : "kind target" of all candidates at that time. isolated_s : when kind and
-    target were first known. flips : how often they changed after that. recovered_s : when its end was reported.
+    target were first known. flips : how often they changed after that. recovered_s : when its end was reported. looks :
+    of something that no known fault explains, what it looks like.
     """
 
     number: int
@@ -42,6 +43,7 @@ class Finding:
     first_candidates: tuple[str, ...] = ()
     flips: int = 0
     recovered_s: float | None = None
+    looks: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +120,7 @@ class Judgement:
         asked = [
             (fault, answer) for fault, answer in zip(self.faults, self.answers, strict=True) if fault.is_of_the_process
         ]
-        others = [finding for finding in self.spurious if finding.kind != UNRESOLVED]
+        others = [finding for finding in self.spurious if finding.kind not in NAMELESS]
         held = all(answer is not None and (_names(answer, fault) or _holds(answer, fault)) for fault, answer in asked)
         return held and not self.false and not others
 
@@ -195,6 +197,7 @@ def _first(number: int, alarm: Mapping[str, Any]) -> Finding:
         isolated_s=_isolated_s(alarm),
         candidates=candidates,
         first_candidates=candidates or (f"{kind} {target}",),
+        looks=str(alarm.get("looks") or ""),
     )
 
 
@@ -211,7 +214,7 @@ def _later(before: Finding, alarm: Mapping[str, Any]) -> Finding:
 
 
 def _isolated_s(alarm: Mapping[str, Any]) -> float | None:
-    return None if alarm.get("kind") == UNRESOLVED else _known(alarm.get("isolated_s"))
+    return None if alarm.get("kind") in NAMELESS else _known(alarm.get("isolated_s"))
 
 
 def _names(finding: Finding, fault: Injected) -> bool:

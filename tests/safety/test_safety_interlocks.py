@@ -73,6 +73,7 @@ def test_only_what_the_diagnosis_or_a_counter_believes_can_be_bypassed() -> None
         TripCause.DRY_RUN,
         TripCause.PUMP_DEAD,
         TripCause.ESTIMATOR_DIVERGED,
+        TripCause.UNKNOWN_FAULT,
     } == BYPASSABLE
 
 
@@ -103,6 +104,8 @@ def test_trips_stand_before_stops() -> None:
     assert [i.cause for i in INTERLOCKS if i.reaction is Reaction.STOP] == [
         TripCause.PUMP_DEAD,
         TripCause.HIGH_LEVEL,
+        TripCause.HIGH_LEVEL,
+        TripCause.UNKNOWN_FAULT,
         TripCause.NO_STABLE_LAW,
         TripCause.START_FAILED,
         TripCause.SENSORS_LOST,
@@ -366,6 +369,39 @@ def test_a_tank_that_may_be_fuller_than_its_sensor_shows_stops_the_run(tank: int
     unknown = supervisor._situation(LIMITS, RUNNING, HEALTHY, NOW_NS, NO_BELIEF)
     stop = next(i for i in INTERLOCKS if i.cause is TripCause.HIGH_LEVEL and i.reaction is Reaction.STOP)
     assert stop.describe(unknown) == stop.text
+
+
+@pytest.mark.parametrize("tank", range(4))
+def test_while_a_fault_is_unknown_a_level_near_its_limit_stops_the_run(tank: int) -> None:
+    unknown = Diagnosis(is_unknown=True, unknown_s=1.0)
+    high = level(HEALTHY, tank, 0.5 * (17.0 + JUST))
+    state, events = after(high, believing(unknown))
+    assert (state.mode, state.cause, state.stopped_by) == (Mode.STOPPING, None, "high_level")
+    assert events[0].text.startswith(
+        "stopping: something is wrong that no known fault explains, and a level is or may be high: levels of "
+    )
+    assert after(level(HEALTHY, tank, 0.5 * 17.0), believing(unknown))[0].mode is Mode.DEGRADED
+    assert after(high, believing(Diagnosis()))[0].mode is Mode.RUNNING
+
+
+@pytest.mark.parametrize("tank", range(4))
+def test_while_a_fault_is_unknown_a_level_by_the_model_above_its_limit_stops_the_run(tank: int) -> None:
+    """The sensors may be what is wrong, and the tank as full as the pumps have made it."""
+    model_V = [6.0, 6.0, 1.0, 1.0]
+    model_V[tank] = 0.5 * (19.0 + JUST)
+    diagnosis = Diagnosis(is_unknown=True, unknown_s=1.0, possible_V=quad(model_V))
+    assert after(HEALTHY, believing(diagnosis))[0].stopped_by == "high_level"
+    model_V[tank] = 0.5 * 19.0
+    just = replace(diagnosis, possible_V=quad(model_V))
+    assert after(HEALTHY, believing(just))[0].mode is Mode.DEGRADED
+
+
+def test_a_fault_that_stays_unknown_stops_the_run() -> None:
+    known = Diagnosis(is_unknown=True, unknown_s=60.0)
+    state, events = after(HEALTHY, believing(replace(known, unknown_s=60.0 + JUST)))
+    assert (state.mode, state.cause, state.stopped_by) == (Mode.STOPPING, None, "unknown_fault")
+    assert events[0].text == "stopping: something is wrong that no known fault explains: for 60 s"
+    assert after(HEALTHY, believing(known))[0].mode is Mode.DEGRADED
 
 
 def test_a_law_that_can_not_be_stable_stops_the_run_and_says_why() -> None:

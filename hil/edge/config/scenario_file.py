@@ -48,7 +48,7 @@ class Reference(Section):
         return self
 
 
-BypassableName = Literal["echo_mismatch", "error_storm", "dry_run", "pump_dead", "estimator_diverged"]
+BypassableName = Literal["echo_mismatch", "error_storm", "dry_run", "pump_dead", "estimator_diverged", "unknown_fault"]
 
 
 class Fault(Section):

@@ -250,6 +250,8 @@ def is_blind(m: Memory) -> bool:
     """
     for sensor, lost in m.lost.items():
         if sensor in PUMPS:
+            if m.unknown is not None:
+                return True
             if m.suspicion is not None and m.t_s - m.suspicion.detected_s > BLIND_S:
                 return True
             if any(m.declared[j].declared_s > lost.since_s for j in (sensor, SPLITS[sensor]) if j in m.declared):

@@ -26,6 +26,7 @@ from hil.core.diagnosis.glr import (
     sensor_monitor,
     strength,
     stuck_check,
+    unknown,
 )
 from hil.core.diagnosis.glr.filter import DOUBT, PERIOD
 from hil.core.diagnosis.glr.hypotheses import PUMPS
@@ -101,16 +102,18 @@ class GlrDetector:
         alarms = sensor_monitor.examine(config, m, measurement)
         alarms += self._filter(m)
         alarms += drift_review.step(config, m, measurement)
-        if m.lost:
+        alarms += unknown.step(config, m)
+        if m.lost and m.unknown is None:
             alarms += sensor_monitor.readmit(config, m, measurement)
-        is_found = m.suspicion is None and m.max_ratio >= config.tuning.detect
+        is_found = m.suspicion is None and m.unknown is None and m.max_ratio >= config.tuning.detect
         if is_found and t_s - m.begun_s >= config.tuning.settle_s and not first_day.explains_alarm(config, m):
             isolation.suspect(m)
         ambiguity.watch_movement(m)
         if m.suspicion is not None:
             alarms += isolation.isolate(config, m, m.suspicion)
         alarms += declaration.follow_growth(config, m)
-        alarms += strength.step(m)
+        if m.unknown is None:
+            alarms += strength.step(m)
         declaration.watch_unproven(m)
         return m, self._diagnosis(m, alarms)
 
@@ -135,7 +138,7 @@ class GlrDetector:
             levels = [nan] * 4
         # in the order of the layout of an entry, see `filter`
         weight = min(max(1.0 - mean_age_s / dt, 0.0), 1.0)
-        m.entry[:] = (*applied_V, *levels, *variances, dt, weight, *doubts, *(dt * m.noise.walk))
+        m.entry[:] = (*applied_V, *levels, *variances, dt, weight, *doubts, *(dt * unknown.walk(m)))
 
     def _voltage_doubts(self, m: Memory, dt: float, applied_V: Pair) -> tuple[float, float]:
         """(2,) V, how wrong the lagged voltages are taken to be at the start of a period of dt seconds.
@@ -161,7 +164,8 @@ class GlrDetector:
         kernels.grow(m.x, m.P, m.growing, entry[PERIOD])
         likelihood = kernels.filter_step(model, m.x, m.P, entry, m.result)
         m.history.no_jump[m.now % RING] = likelihood
-        first_day.step(self.config, m, likelihood)
+        if m.unknown is None:
+            first_day.step(self.config, m, likelihood)
         alarms = stuck_check.step(self.config, m, likelihood)
         slot, m.max_ratio = kernels.update_bank(
             model.level_gain_V_cm, m.now, entry, m.result, m.bank, m.min_jumps(), m.best
@@ -171,14 +175,15 @@ class GlrDetector:
             m.forget_levels()
         if m.suspicion is None:
             self._learn_noise(m)
+        m.calm_squares[m.now % RING] = m.mean_square
         return alarms
 
     def _learn_noise(self, m: Memory) -> None:
         """Assume more noise where innovations are larger than expected, but not while a fault may be the reason."""
         tuning = self.config.tuning
-        is_calm = m.max_ratio < tuning.calm
+        is_calm = m.max_ratio < tuning.calm and m.unknown is None
         age_s = m.now * float(m.entry[PERIOD])
-        is_first = age_s < tuning.first_learning_s
+        is_first = age_s < tuning.first_learning_s and m.unknown is None
         gain = self.config.model.level_gain_V_cm
         kernels.learn_process_noise(gain, m.entry, m.result, m.noise, age_s, is_calm or is_first)
         pace = tuning.scale_pace if is_calm else 0.0
@@ -192,7 +197,7 @@ class GlrDetector:
         h1, h2, h3, h4 = m.x[LEVEL : LEVEL + 4].tolist()
         level_V = (gain * h1, gain * h2, gain * h3, gain * h4)
         w1, w2, w3, w4 = np.sqrt(m.noise.walk).tolist()
-        if not m.declared and not m.lost and not m.strength:
+        if not m.declared and not m.lost and not m.strength and m.unknown is None:
             return Diagnosis(
                 new_alarms=tuple(alarms),
                 level_V=level_V,
@@ -213,6 +218,9 @@ class GlrDetector:
             is_diverged=self._is_diverged(m, h1),
             unproven=declaration.unproven(self.config, m),
             is_blind=declaration.is_blind(m),
+            is_unknown=m.unknown is not None,
+            unknown_s=m.unknown_s,
+            possible_V=unknown.possible_V(self.config, m),
             refuted=(refuted[0], refuted[1], refuted[2], refuted[3]),
             proven_V=(p1, p2, p3, p4),
             valve_split=declaration.valve_split(self.config, m),

@@ -9,7 +9,17 @@ from math import sqrt
 
 import numpy as np
 
-from hil.core.diagnosis.glr import ambiguity, declaration, drift_review, growth, kernels, onsets, rollback, stuck_check
+from hil.core.diagnosis.glr import (
+    ambiguity,
+    declaration,
+    drift_review,
+    growth,
+    kernels,
+    onsets,
+    rollback,
+    stuck_check,
+    unknown,
+)
 from hil.core.diagnosis.glr.ambiguity import NO_EVIDENCE
 from hil.core.diagnosis.glr.declaration import IDLE_V
 from hil.core.diagnosis.glr.filter import VOLTAGE
@@ -94,13 +104,23 @@ def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Ala
         evidence, order = _evidence(m)
         winner = _leader(config, m, evidence, order)
     is_late = m.t_s - suspicion.detected_s >= tuning.resolve_within_s
-    is_overtaken = _is_overtaken(config, m, order[0]) and not m.is_doubtful
-    if winner is None and ((is_late and evidence[order[0]] > NO_EVIDENCE) or is_overtaken):
+    is_possible = evidence[order[0]] > NO_EVIDENCE
+    is_overtaken = is_possible and _is_overtaken(config, m, order[0]) and not m.is_doubtful
+    if winner is None and is_possible and (is_late or is_overtaken):
         winner = ambiguity.safer(config, m, order[0], evidence) if is_overtaken else order[0]
     if is_late and winner is not None and not is_overtaken and ambiguity.is_led_by_small(m, winner):
         winner = None
     if winner is not None and not is_overtaken and ambiguity.is_drift_or_level(config, m, winner, is_late=is_late):
         winner = None
+    likeliest = order[0] if is_possible else int(np.argmax(r.evidence[: H + 1]))
+    best = likeliest if winner is None else winner
+    if not m.is_doubtful and unknown.fits_badly(m, best, at_fit=_has_explained(config, m, best)):
+        winner = None
+        if m.t_s - suspicion.detected_s >= unknown.WAIT_S:
+            return unknown.declare(config, m, suspicion, best, order, _checkpoint(m, int(r.onset[best])))
+    if winner is not None and unknown.contradicts(m, winner):
+        before = unknown.first_checkpoint(m) or _checkpoint(m, int(r.onset[winner]))
+        return unknown.declare(config, m, suspicion, winner, order, before)
     if winner is not None:
         return _settle(config, m, suspicion, winner, order)
     _drop(config, m, evidence)
@@ -169,19 +189,19 @@ def _runs_backwards(r: Replays, number: int, state: int) -> bool:
 
 def _leader(config: DetectorConfig, m: Memory, evidence: Array, order: list[int]) -> int | None:
     """The hypothesis that leads by enough, or None."""
-    tuning = config.tuning
     first, second = [number for number in order if number != BOTH][:2]
-    if evidence[first] - ambiguity.best_small(m) < tuning.margin:
+    margin = config.tuning.margin * unknown.dispersion(m, first)
+    if evidence[first] - ambiguity.best_small(m) < margin:
         return None
     if first not in PUMPS:
-        if evidence[BOTH] - evidence[first] >= tuning.margin:
+        if evidence[BOTH] - evidence[first] >= margin:
             return BOTH
-        return first if evidence[first] - max(evidence[second], evidence[BOTH]) >= tuning.margin else None
-    if evidence[BOTH] - evidence[first] >= tuning.both_lead:
-        return BOTH if evidence[BOTH] - evidence[first] >= tuning.margin else None
+        return first if evidence[first] - max(evidence[second], evidence[BOTH]) >= margin else None
+    if evidence[BOTH] - evidence[first] >= config.tuning.both_lead:
+        return BOTH if evidence[BOTH] - evidence[first] >= margin else None
     other = PUMPS[1 - first]
     is_alone = _is_known(config, m, other) or float(m.entry[VOLTAGE + other]) < IDLE_V
-    return first if is_alone and evidence[first] - evidence[second] >= tuning.margin else None
+    return first if is_alone and evidence[first] - evidence[second] >= margin else None
 
 
 def _is_overtaken(config: DetectorConfig, m: Memory, number: int) -> bool:
@@ -192,6 +212,12 @@ def _is_overtaken(config: DetectorConfig, m: Memory, number: int) -> bool:
 def _has_explained(config: DetectorConfig, m: Memory, number: int) -> bool:
     fit = int(m.replays.fit[number])
     return fit - m.replays.onset[number] >= config.tuning.min_fit_steps and m.now - fit <= MAX_BACK_STEPS
+
+
+def _has_same_sign(r: Replays, number: int) -> bool:
+    """Whether the sizes had the sign that they have now when the replay last explained the readings."""
+    states = [JUMPS[j].state for j in jumps_of(number)]
+    return bool(np.all((r.x_fit[number] - r.before[number])[states] * (r.x[number] - r.before[number])[states] > 0.0))
 
 
 def _is_known(config: DetectorConfig, m: Memory, pump: int) -> bool:
@@ -210,7 +236,7 @@ def _settle(config: DetectorConfig, m: Memory, suspicion: Suspicion, winner: int
     m.suspicion = None
     before, onset = r.before[winner].copy(), int(r.onset[winner])
     m.checkpoint = _checkpoint(m, onset)
-    has_explained = _has_explained(config, m, winner)
+    has_explained = _has_explained(config, m, winner) and _has_same_sign(r, winner)
     x, P = (r.x_fit, r.P_fit) if has_explained else (r.x, r.P)
     m.x[:], m.P[:], m.growing = x[winner], P[winner], int(r.target[winner])
     _loosen(config, m, winner, before)
@@ -218,6 +244,7 @@ def _settle(config: DetectorConfig, m: Memory, suspicion: Suspicion, winner: int
         m.unproven = (1 - winner, 0.0)
     stuck_check.credit(m, float(r.evidence[winner]))
     alarms = [declaration.declare(config, m, j, before, onset, suspicion) for j in jumps_of(winner)]
+    unknown.note(m, alarms[0])
     alarms += declaration.close(m, suspicion, alarms)
     declaration.end_growth(m)
     m.restart_bank()

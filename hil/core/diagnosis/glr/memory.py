@@ -162,6 +162,37 @@ class Lost(NamedTuple):
     proven_V: float = 0.0
 
 
+class Told(NamedTuple):
+    """A name that was given: its run time, kind and target, alarm, and the filter from before."""
+
+    t_s: float
+    name: str
+    number: int
+    checkpoint: Checkpoint
+
+
+@dataclass(eq=False, slots=True)
+class Unknown:
+    """Something that no hypothesis explains, while it goes on; see `unknown`.
+
+    number, detected_s : of its alarm. x, P : the filter from before it. model_x, model_P : that filter continued
+    without readings. trials : filters that try whether the model explains the readings again, with their levels' walks
+    (4,), cm^2/s. sums, squares, count : (trials, 4) of their whitened innovations since step `tried`.
+    """
+
+    number: int
+    detected_s: float
+    x: Array
+    P: Array
+    model_x: Array
+    model_P: Array
+    trials: list[tuple[Array, Array, Array]]
+    sums: Array
+    squares: Array
+    count: Array
+    tried: int
+
+
 @dataclass(eq=False, slots=True)
 class Wide:
     """The filter of a rig that its file does not describe, see `first_day`.
@@ -283,7 +314,9 @@ class Memory:
     run times of the latest verdicts. rival : to the latest drift. checkpoint : from before the latest verdict. unproven
     : the pump that was at rest when the other one failed, and for how long it has been driven since; None when both are
     known to work. strength : pumps that were reported to give another share than the file says. steady_s : (2,) for how
-    long a difference from that has been known.
+    long a difference from that has been known. calm_squares : mean_square by step modulo RING. told : the latest names.
+    unknown : what nothing explains, while it goes on; unknown_s : for how long, fading
+    afterwards; unknown_until_s : run time at which the last was over.
     """
 
     x: Array
@@ -325,6 +358,11 @@ class Memory:
     strength: dict[int, Strength] = field(default_factory=dict)
     steady_s: list[float] = field(default_factory=lambda: [0.0, 0.0])
     relearned_s: float = 0.0
+    calm_squares: list[float] = field(default_factory=lambda: [1.0] * RING)
+    told: tuple[Told, ...] = ()
+    unknown: Unknown | None = None
+    unknown_s: float = 0.0
+    unknown_until_s: float = -inf
 
     @classmethod
     def begin(cls, config: DetectorConfig, t_s: float, measurement: Measurement, applied_V: Pair) -> Memory:

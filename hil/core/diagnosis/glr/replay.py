@@ -24,6 +24,9 @@ RING = MAX_AGE + 64
 ONSET_SPREAD = 0.3
 """Standard deviation of an onset within its control period, in periods (that of a uniform one)."""
 
+MAX_SQUARE = 30.0
+"""One squared innovation counts for no more in what a replay leaves unexplained: one odd reading says little."""
+
 MISFIT_SLACK, MAX_MISFIT_STEP = 2.0, 15.0
 """What a step's readings may be off before it counts, and may count for at the most: one odd step says nothing."""
 
@@ -65,7 +68,8 @@ class Replays(NamedTuple):
     jump. target : (R,) the state that grows, see `growth`.
     dropped : (R,) 1 for those that have fallen too far behind to be worth their time. misfit : (R,) how far the
     latest readings are from what the replay itself expects, see `catch_up`. fit, x_fit, P_fit : (R,) a late step
-    at which they were as expected, and the filter at it.
+    at which they were as expected, and the filter at it. squares, squares_fit : (R, 5) sums of the squared whitened
+    innovations of each sensor since the onset, and their number; the same at the step `fit`.
     """
 
     x: Array
@@ -82,6 +86,8 @@ class Replays(NamedTuple):
     fit: Ints
     x_fit: Array
     P_fit: Array
+    squares: Array
+    squares_fit: Array
 
     @classmethod
     def empty(cls) -> Replays:
@@ -102,6 +108,8 @@ class Replays(NamedTuple):
             fit=np.zeros(n, dtype=np.int64),
             x_fit=np.zeros((n, N)),
             P_fit=np.zeros((n, N, N)),
+            squares=np.zeros((n, 5)),
+            squares_fit=np.zeros((n, 5)),
         )
 
     def begin(
@@ -131,6 +139,7 @@ class Replays(NamedTuple):
         self.bias[row] = JUMPING_BIAS[number]
         self.variant[row], self.target[row] = variant, target
         self.dropped[row] = 0
+        self.squares[row] = self.squares_fit[row] = 0.0
 
     def swap(self, row: int, other: int) -> None:
         """Exchange two rows."""
@@ -182,12 +191,15 @@ def _watch_misfit(entry: Array, result: StepResult, replays: Replays, j: int) ->
         if np.isfinite(entry[READING + i]):
             value = whitened(result.whitener, result.innovation, i)
             excess += 0.5 * (value * value - 1.0)
+            replays.squares[j, i] += min(value * value, MAX_SQUARE)
+            replays.squares[j, 4] += 1.0
     excess -= MISFIT_SLACK
     replays.misfit[j] = max(replays.misfit[j] + min(excess, MAX_MISFIT_STEP), 0.0)
     if replays.misfit[j] == 0.0 and replays.seen[j] - replays.fit[j] >= FIT_STEPS:
         replays.fit[j] = replays.seen[j]
         replays.x_fit[j] = replays.x[j]
         replays.P_fit[j] = replays.P[j]
+        replays.squares_fit[j] = replays.squares[j]
 
 
 @compiled
