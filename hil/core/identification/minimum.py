@@ -156,9 +156,11 @@ def _inside(found: Whitened, record: LevelRecord, sensor: int) -> Array:
 
 
 def robust_scale(residual: Array) -> float:
-    """Standard deviation without outliers: residuals are limited to three times the result."""
-    scale = 1.4826 * float(np.median(np.abs(residual))) or float(np.std(residual)) or 1e-9
+    """Standard deviation without outliers: residuals are limited to three times the result. 0 where most are 0."""
+    scale = 1.4826 * float(np.median(np.abs(residual)))
     for _ in range(50):
+        if scale <= 0.0:
+            return 0.0
         limited = np.minimum(np.abs(residual), 3.0 * scale)
         new = float(np.sqrt(np.mean(limited**2) / CLIPPED_VARIANCE))
         if abs(new / scale - 1.0) < 1e-4:

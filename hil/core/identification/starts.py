@@ -22,6 +22,9 @@ Array = NDArray[np.float64]
 MISFIT = 4.0
 """Residuals of a sensor that are so many times its noise ask for another start."""
 
+MIN_NOISE_V = 1e-3
+"""A sensor with less noise, by the differences of its readings, is one whose converter does not show it."""
+
 SAME = 0.02
 """Two starts whose residuals differ by a smaller share ended at the same minimum."""
 
@@ -57,7 +60,9 @@ def reading_noise(records: Sequence[LevelRecord]) -> Quad:
     for sensor in range(4):
         parts = []
         for record in records:
-            is_read = np.isfinite(record.reading_V[:, sensor])
+            low_V, high_V = record.ends
+            with np.errstate(invalid="ignore"):
+                is_read = (record.reading_V[:, sensor] > low_V) & (record.reading_V[:, sensor] < high_V)
             count = np.ones(int(is_read.sum())) if record.samples is None else record.samples[is_read, sensor]
             step_V = np.diff(record.reading_V[is_read, sensor])
             parts.append(step_V / np.sqrt(1.0 / np.maximum(count[1:], 1.0) + 1.0 / np.maximum(count[:-1], 1.0)))
@@ -68,7 +73,7 @@ def reading_noise(records: Sequence[LevelRecord]) -> Quad:
 
 def misfit(residual_V: Quad, noise_V: Quad) -> float:
     """By how many times the residuals of the worst sensor are larger than its noise."""
-    return max(residual / max(noise, 1e-6) for residual, noise in zip(residual_V, noise_V, strict=True))
+    return max(residual / max(noise, MIN_NOISE_V) for residual, noise in zip(residual_V, noise_V, strict=True))
 
 
 def size_of(residual_V: Quad) -> float:
