@@ -19,13 +19,13 @@ from hil.bench.experiment_run import (
     Stage,
     run_experiment,
 )
-from hil.bench.identify_fit import identified
 from hil.bench.ruler import EmulatedRuler, GivenRuler, Ruler
 from hil.cli import exit_codes, identify_result
 from hil.cli.complaint import complain
 from hil.cli.terminal_ruler import TerminalRuler
 from hil.core.counted import counted
 from hil.core.experiment import Phase
+from hil.core.identification.identify import identify
 from hil.edge.can.bus import BusAddress
 from hil.edge.config.points_file import load_points
 from hil.edge.config.settings_file import SettingsError
@@ -162,7 +162,7 @@ def _identify(
     """Fit the records, write the result into the folder and show it."""
     fitted, held_out = identify_inputs.records_of(runs)
     console.print(f"fitting {counted(len(fitted), 'record')} ...", highlight=False)
-    found = identified(fitted, held_out, identify_inputs.rig_model(bench.rig))
+    found = identify(fitted, identify_inputs.rig_model(bench.rig), held_out=held_out or None)
     make_folder(out)
     return identify_result.finish(
         console, found, bench.rig_path, out, write=options.write, now=datetime.now(), rerun=options.rerun

@@ -13,13 +13,15 @@ The interlocks are above all this and rest on none of it. Why: docs/decisions/00
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from enum import StrEnum
-from math import inf, isfinite, nan
+from math import inf, isfinite, nan, sqrt
 
 from hil.core.types import Pair, Quad
 
 HYSTERESIS_CM = 0.5
+
+MAX_RESCALE = 1.5
 
 STILL_CM = 0.1
 """Levels that change by no more than this for `still_s` stand still."""
@@ -41,13 +43,17 @@ class Until(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """Voltages for at most max_s. level_cm : for FILLED. still_s : for STILL."""
+    """Voltages for at most max_s. level_cm : for FILLED. still_s : for STILL.
+
+    aim_cm : when the segment begins, the voltages of the phase are scaled so that the higher lower level comes near it.
+    """
 
     voltage_V: Pair
     max_s: float
     until: Until = Until.TIME
     level_cm: float = inf
     still_s: float = 0.0
+    aim_cm: float = nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +106,7 @@ class PhaseState:
 
     since_s : when the segment began. held, lifted : (2,) pumps held back, (2,) lower tanks that are too low. still_cm,
     still_since_s : levels, and since when they have not moved from there. empty_cm : levels read before filling.
+    factor : of all voltages, see `Segment.aim_cm`.
     problem : why the phase must stop; "" if it need not.
     """
 
@@ -112,7 +119,8 @@ class PhaseState:
     empty_cm: Quad = UNKNOWN
     is_over: bool = False
     problem: str = ""
-    voltage_V: Pair = field(default=(0.0, 0.0))
+    voltage_V: Pair = (0.0, 0.0)
+    factor: float = 1.0
 
 
 def advance(
@@ -133,7 +141,7 @@ def advance(
     if state.is_over or state.problem:
         return replace(state, voltage_V=(0.0, 0.0))
     held, lifted = _held(envelope, state.held, level_cm), _lifted(envelope, state.lifted, level_cm)
-    v1, v2 = phase.segments[state.segment].voltage_V
+    v1, v2 = (state.factor * voltage for voltage in phase.segments[state.segment].voltage_V)
     if any(lifted):
         v1, v2 = max(v1, phase.lift_V[0]), max(v2, phase.lift_V[1])
     voltage = (0.0 if held[0] else v1, 0.0 if held[1] else v2)
@@ -164,7 +172,15 @@ def _next_segment(phase: Phase, envelope: Envelope, state: PhaseState, t_s: floa
     is_over = number == len(phase.segments)
     if is_over and phase.empties and not state.problem:
         state = replace(state, problem=_not_risen(envelope, state.empty_cm, level_cm))
-    return replace(state, segment=number, since_s=t_s, is_over=is_over)
+    factor = state.factor if is_over else state.factor * _rescaled(phase.segments[number].aim_cm, level_cm)
+    return replace(state, segment=number, since_s=t_s, is_over=is_over, factor=factor)
+
+
+def _rescaled(aim_cm: float, level_cm: Quad) -> float:
+    """By how much both voltages change for a level of aim_cm: levels at rest go with the square of the flow."""
+    if not isfinite(aim_cm):
+        return 1.0
+    return min(max(sqrt(aim_cm / max(level_cm[0], level_cm[1], 0.1)), 1.0 / MAX_RESCALE), MAX_RESCALE)
 
 
 def _not_empty(envelope: Envelope, level_cm: Quad, *, is_still: bool) -> str:

@@ -24,8 +24,14 @@ STILL_S, MIN_STILL_S = 8.0, 2.0
 MIN_FILLING_S = 10.0
 """However short the experiment."""
 
+RULER_SHARE = 0.72
+"""Share of `safety.level_max_cm` at which levels are read: the higher, the less a millimetre counts."""
+
+STANDING_S, MAX_STANDING_S = 10.0, 90.0
 MAX_READING_S = 600.0
 """How long the rig waits for somebody to read the levels."""
+
+RULER = "ruler"
 
 SPREAD, GOLDEN = 0.03, 0.6180339887498949
 """By how much voltages differ from one segment to the next, as a share; the golden ratio spreads them evenly."""
@@ -111,6 +117,8 @@ def _spread(phases: list[Phase], pumps: PumpPath) -> tuple[Phase, ...]:
                 replace(one, voltage_V=(near(one.voltage_V[0]), near(one.voltage_V[1]))) for one in phase.segments
             ),
         )
+        if phase.name != RULER
+        else phase
         for phase in phases
     )
 
@@ -170,11 +178,17 @@ def _fast(spec: PlanSpec) -> Phase:
 
 
 def _ruler(spec: PlanSpec) -> Phase:
+    aim_cm = RULER_SHARE * spec.level_max_cm
+    still_s = max(STANDING_S * spec.time_scale, MIN_STILL_S)
+    base_V = _at(spec, 1.2, 1.2, 1.0).voltage_V
     segments = (
-        _at(spec, 1.2, 1.2, 90.0),
-        Segment(_at(spec, 1.2, 1.2, 1.0).voltage_V, MAX_READING_S, Until.ANSWERED),
+        _at(spec, 1.2, 1.2, 60.0),
+        Segment(base_V, 60.0 * spec.time_scale, aim_cm=aim_cm),
+        Segment(base_V, 60.0 * spec.time_scale, aim_cm=aim_cm),
+        Segment(base_V, MAX_STANDING_S * spec.time_scale, Until.STILL, still_s=still_s),
+        Segment(base_V, MAX_READING_S, Until.ANSWERED),
     )
-    return Phase("ruler", "constant voltages; somebody reads the levels by a ruler", segments)
+    return Phase(RULER, "high levels at constant voltages; somebody reads them by a ruler", segments)
 
 
 def _binary(spec: PlanSpec, name: str, text: str, bits: int, clock_s: float, shares: Pair, *, start: int) -> Phase:
