@@ -2,8 +2,9 @@
 
 basic: the default rig, k, gamma, a within 20 %, lags within 50 %. rich: beyond that curves, dead zones, datums, sensors
 with gains and offsets of their own, and waves of 2 mV; eight readings by a ruler. rigs: those of config/rigs, with a
-ruler. Always started from the default file. Prints for each parameter the errors, how often the 95 % interval covered
-and the RMS of error over standard deviation; and how often the structure was right.
+ruler. Always started from the default file, with the cross-sections and heights of the rig's own tanks. Prints for each
+parameter the errors, how often the 95 % interval covered and the RMS of error over standard deviation; and how often
+the structure was right.
 """
 
 from __future__ import annotations
@@ -17,9 +18,11 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from firmware_sim.setting_types import parts
 from hil.core.identification.identify import identify
 from hil.core.identification.parameters import RigModel
 from hil.core.identification.result import Identification
+from hil.core.tanks import TankModel
 from tools.identification_study.truth import (
     Truth,
     basic_truth,
@@ -59,8 +62,15 @@ def run_case(kind: str, seed: int, *, turbulence: float = 0.0, wave_V: float = 0
     record = run_experiment(truth, experiment_plan(truth, seed), seed, ruler=ruler)
     held_out = run_experiment(truth, held_out_plan(truth, seed), seed + HELD_OUT_SEED, name="held out")
     began_s = time.monotonic()
-    found = identify([record], RigModel(), held_out=held_out)
+    found = identify([record], file_of(truth), held_out=held_out)
     return Case(rig or f"seed {seed}", truth, found, time.monotonic() - began_s, STRUCTURES.get(kind))
+
+
+def file_of(truth: Truth) -> RigModel:
+    """The default file, with the cross-sections and heights of the rig's tanks: those anybody can measure."""
+    tanks = truth.settings.tanks
+    h1, h2, h3, h4 = parts(tanks.height_cm, 4)
+    return RigModel(tanks=TankModel(area_cm2=tanks.area_cm2, height_cm=(h1, h2, h3, h4)))
 
 
 def parameter_table(cases: Sequence[Case]) -> Table:

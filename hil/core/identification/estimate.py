@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import inf, isfinite
+from math import exp, inf, isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,19 +27,23 @@ from hil.core.identification.noise_model import (
     whitened,
     without_outliers,
 )
-from hil.core.identification.parameters import Choice, RigModel, values_of
+from hil.core.identification.parameters import BY_NAME, Choice, RigModel, values_of
 from hil.core.identification.records import LevelRecord
 from hil.core.identification.residuals import whitened as residuals_of
 from hil.core.identification.simulation import levels
 from hil.core.identification.unknowns import Unknowns, unknowns
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 CLIPPED_SD = 4.0
 MAX_STEPS = 12
 FAR_STEPS = 40
 FAR_NOISE_V = 0.05
 CONVERGED_GAIN = 0.01
+USABLE_ROUNDS = 4
+CHANGED_SHARE = 1e-4
+IN_PROPORTION = ("k", "a", "datum", "sensor_gain", "level")
 UNLIMITED_V = (-inf, inf)
 
 
@@ -94,11 +98,6 @@ class Normal:
         return total
 
     @property
-    def cost_of_each(self) -> float:
-        """The cost over the number of readings."""
-        return self.cost / max(len(self.white.residual), 1)
-
-    @property
     def cost(self) -> float:
         """Sum of squares of everything."""
         return float(self.white.residual @ self.white.residual) + self.ruler_square + self.prior_square
@@ -122,8 +121,11 @@ class Problem:
         """The rig at these values."""
         return self.unknowns.model(self.base, values)
 
-    def linearised(self, values: Array, noise_V: Sequence[float]) -> tuple[list[Linearisation], Array, Array]:
-        """Every record about its simulation, and the readings by rulers as rows (m,) and (m, p)."""
+    def linearised(self, values: Array, noise_V: Sequence[float] | None) -> tuple[list[Linearisation], Array, Array]:
+        """Every record about its simulation, and the readings by rulers as rows (m,) and (m, p).
+
+        noise_V : leave out readings predicted so near to an end of their range; None: none.
+        """
         model, found, rulers, by_rulers = self.model(values), [], [], []
         unit = (1.0, 1.0, 1.0, 1.0)
         for at, record in enumerate(self.records):
@@ -134,7 +136,7 @@ class Problem:
             n = len(record.time_s)
             samples = np.ones((n, 4)) if record.samples is None else np.maximum(record.samples, 1.0)
             predicted_V = np.array(model.sensors.offset_V) + np.array(model.sensors.gain_V_cm) * simulated.level_cm
-            margin_V = CLIPPED_SD * np.array(noise_V)
+            margin_V = -inf if noise_V is None else CLIPPED_SD * np.array(noise_V)
             low_V, high_V = record.saturation_V
             is_free = (predicted_V > low_V + margin_V) & (predicted_V < high_V - margin_V) & rows.is_used
             found.append(
@@ -150,11 +152,17 @@ class Problem:
             by_rulers.append(-rows.ruler_jacobian)
         return found, np.concatenate(rulers), np.concatenate(by_rulers)
 
-    def normal(self, values: Array, noise: NoiseModel) -> Normal:
-        """The linearised problem at these values with this noise model."""
-        linear, ruler, by_ruler = self.linearised(values, noise.noise_V)
+    def usable(self, values: Array, noise: NoiseModel) -> list[Flags]:
+        """For each record the readings (n, 4) that count: away from the ends of their range, and no outliers."""
+        linear, _, _ = self.linearised(values, noise.noise_V)
+        return [np.isfinite(without_outliers(record, noise.noise_V).residual_V) for record in linear]
+
+    def normal(self, values: Array, noise: NoiseModel, usable: Sequence[Flags] | None = None) -> Normal:
+        """The linearised problem at these values with this noise model. usable : as of `usable`; None: here."""
+        chosen = self.usable(values, noise) if usable is None else usable
+        linear, ruler, by_ruler = self.linearised(values, None)
         width_s = bin_width(linear, FIT_BIN_S)
-        clean = [binned(without_outliers(record, noise.noise_V), width_s) for record in linear]
+        clean = [binned(_only(record, rows), width_s) for record, rows in zip(linear, chosen, strict=True)]
         prior, pull = self.priors.rows(self.names, values)
         with np.errstate(divide="ignore", invalid="ignore"):
             prior_square = float(np.sum(np.where(prior > 0.0, pull**2 / prior, 0.0)))
@@ -219,25 +227,70 @@ def minimise(
 ) -> tuple[Array, Normal, bool]:
     """Damped Gauss-Newton steps (Marquardt's) within the limits; values, the problem there, whether it has converged.
 
-    The cost counts only readings away from the ends of their range; their number may change from step to step, so that
-    costs are compared per reading.
+    Which readings count is decided before the steps, so that costs can be compared, and again after them.
     """
+    values = np.clip(values, problem.unknowns.low, problem.unknowns.high)
+    usable = problem.usable(values, noise)
+    for _ in range(USABLE_ROUNDS):
+        values, normal, is_done = _steps(problem, values, noise, usable, max_steps)
+        before, usable = usable, problem.usable(values, noise)
+        changed = sum(int((one != other).sum()) for one, other in zip(before, usable, strict=True))
+        if changed <= CHANGED_SHARE * sum(int(one.sum()) for one in usable):
+            break
+    return values, normal, is_done
+
+
+def _steps(
+    problem: Problem, values: Array, noise: NoiseModel, usable: Sequence[Flags], max_steps: int
+) -> tuple[Array, Normal, bool]:
     low, high = problem.unknowns.low, problem.unknowns.high
-    values = np.clip(values, low, high)
-    normal, damping, gain = problem.normal(values, noise), 0.0, np.inf
+    normal, damping, gain = problem.normal(values, noise, usable), 0.0, np.inf
     for _ in range(max_steps):
         gain = float(bounded_step(normal, values, low, high) @ normal.score)
         if gain < CONVERGED_GAIN:
             return values, normal, True
-        tried = np.clip(values + bounded_step(normal, values, low, high, damping), low, high)
-        at_tried = problem.normal(tried, noise)
-        if at_tried.cost_of_each < normal.cost_of_each:
+        step = bounded_step(normal, values, low, high, damping)
+        tried = np.clip(moved(problem.names, values, step), low, high)
+        at_tried = problem.normal(tried, noise, usable)
+        if at_tried.cost < normal.cost:
             values, normal, damping = tried, at_tried, 0.1 * damping if damping > 1e-4 else 0.0
         elif gain < 1.0:
             break
         else:
             damping = max(10.0 * damping, 1e-3)
+    gain = float(bounded_step(normal, values, low, high) @ normal.score)
     return values, normal, gain < 1.0
+
+
+def moved(names: Sequence[str], values: Array, step: Array) -> Array:
+    """The values after a step, along curves on which readings stay the same where sensor gains are not known.
+
+    If all levels of a side are s times as large as believed, its sensor gains are 1/s, the flows into it s and its
+    outlets the root of s times what they were. So gains, outlets, datums and levels move in proportion, and the two
+    flows of a pump, gamma k and (1 - gamma) k, each in proportion. A straight step of some per cent would leave the
+    curved valley of the cost, and steps become tiny.
+    """
+    result = values + step
+    at = {name: i for i, name in enumerate(names)}
+    for name, i in at.items():
+        group = BY_NAME[name].group if name in BY_NAME else "level"
+        if group in IN_PROPORTION and abs(step[i]) < 0.5 * abs(values[i]):
+            result[i] = values[i] * exp(step[i] / values[i])
+    for pump in ("1", "2"):
+        if f"k{pump}" in at and f"gamma{pump}" in at:
+            i, j = at[f"k{pump}"], at[f"gamma{pump}"]
+            k, gamma = float(values[i]), float(values[j])
+            by_k, by_gamma = float(step[i]) / k, float(step[j])
+            if abs(by_k) < 0.5 and abs(by_gamma) < 0.5 * min(gamma, 1.0 - gamma):
+                lower, upper = gamma * exp(by_k + by_gamma / gamma), (1 - gamma) * exp(by_k - by_gamma / (1 - gamma))
+                result[i], result[j] = k * (lower + upper), lower / (lower + upper)
+    return result
+
+
+def _only(record: Linearisation, rows: Flags) -> Linearisation:
+    """The record with these readings alone."""
+    residual = np.where(rows, record.residual_V, np.nan)
+    return replace(record, residual_V=residual)
 
 
 def bounded_step(normal: Normal, values: Array, low: Array, high: Array, damping: float = 0.0) -> Array:

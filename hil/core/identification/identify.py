@@ -85,7 +85,8 @@ def identify(
         null = described(told, training, [record.level_cm for record in _predicted(found, training)])
         if told.undetermined:
             return _refused(start, _at_rest(told), null)
-    chosen = choose_structure(training, judges, begin, candidates, choices, weak)
+    chosen = choose_structure(training, judges, begin, start, candidates, choices, weak)
+    begin = chosen.estimate.problem.base
     settled = {**dict.fromkeys(chosen.groups, FREE), **choices, **chosen.fixed}
     near = dict(zip(chosen.estimate.names, chosen.estimate.values.tolist(), strict=True))
     found = estimate(training, begin, settled, weak, near=near)

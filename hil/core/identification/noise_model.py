@@ -278,7 +278,7 @@ def _best_side(data: SideData, side: int, noise: NoiseModel, others: tuple[Array
         known = [max(noise.wave_V[i] / noise.noise_V[i], WAVE_SHARE[0]) for i in (lower, upper)]
         walk = [max(noise.turbulence_cm_sqrt_s[i], TURBULENCE[0]) for i in (lower, upper)]
         starts = [[*map(log, known), *map(log, walk), log(noise.wave_s[side]), 0.0, 0.0]]
-    options = {"eps": 1e-3, "maxiter": 40}
+    options = {"eps": 1e-3, "maxiter": 40, "ftol": 3e-7}
     best = min(
         (minimize(cost, start, method="L-BFGS-B", bounds=bounds, options=options) for start in starts),
         key=lambda result: float(result.fun),

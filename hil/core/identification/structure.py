@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from hil.core.identification.estimate import Estimate, Priors, Problem, estimate, minimise
 from hil.core.identification.noise_model import NoiseModel
 from hil.core.identification.null_directions import identifiability
-from hil.core.identification.parameters import BASIC, BY_NAME, PARAMETERS, Choice, RigModel, values_of
+from hil.core.identification.parameters import BASIC, BY_NAME, PARAMETERS, Choice, RigModel, values_of, with_values
 from hil.core.identification.records import LevelRecord
 from hil.core.identification.unknowns import FIXED, FREE, unknowns
 
@@ -63,17 +63,22 @@ def choose_structure(
     records: Sequence[LevelRecord],
     held_out: Sequence[LevelRecord],
     start: RigModel,
+    file: RigModel,
     candidates: Sequence[str],
     choices: Mapping[str, Choice],
     priors: Priors,
 ) -> StructureChoice:
-    """Take extensions away as long as the held-out records are predicted as well. candidates : groups."""
+    """Take extensions away as long as the held-out records are predicted as well.
+
+    start : from which the fit begins. file : the values of an extension that is taken away. candidates : groups.
+    """
     full = estimate(records, start, {**choices, **dict.fromkeys(candidates, FREE)}, priors)
     lost, is_judged = hopeless(full, candidates)
     choices = {**choices, **dict.fromkeys(lost, FIXED)}
     kept = [group for group in candidates if any(r.group == group and r.name not in lost for r in PARAMETERS)]
     free = dict.fromkeys(kept, FREE)
     current = full
+    start = as_in_file(start, file, [group for group in candidates if group not in kept], lost)
     if lost:
         near = dict(zip(full.names, full.values.tolist(), strict=True))
         current = estimate(records, start, {**free, **choices}, priors, near=near)
@@ -81,27 +86,30 @@ def choose_structure(
     judge = held_out if is_judged else ()
     square = _judged(current, judge, noise)
     settled: set[str] = set()
+    gone: list[str] = []
     trace = []
     while len(settled) < len(kept):
-        group = min((name for name in kept if name not in settled), key=lambda name: evidence(current, start, name))
+        group = min((name for name in kept if name not in settled), key=lambda name: evidence(current, file, name))
         fewer = [name for name in kept if name != group]
+        base = as_in_file(start, file, (*gone, group))
         reduced = estimate(
             records,
-            start,
+            base,
             {**dict.fromkeys(fewer, FREE), **choices},
             priors,
-            near=reduced_values(current, start, group),
+            near=reduced_values(current, file, group),
             noise=noise,
             max_steps=REDUCED_STEPS,
         )
         without = _judged(reduced, judge, noise)
-        count = len(_group(current, start, group)[0])
+        count = len(_group(current, file, group)[0])
         is_needed = without - square > _margin(current, count, is_judged)
         trace.append((group, without - square, is_needed))
         if is_needed:
             settled.add(group)
         else:
             kept, current, square = fewer, reduced, without
+            gone.append(group)
     groups = tuple(group for group in candidates if group in kept)
     return StructureChoice(groups, dict.fromkeys(lost, FIXED), current, tuple(trace))
 
@@ -135,6 +143,14 @@ def _margin(found: Estimate, count: int, is_judged: bool) -> float:
     if is_judged:
         return MARGIN_FIXED + MARGIN_SD * sqrt(count)
     return MARGIN_FIXED + count * log(max(len(found.normal.white.residual), 2))
+
+
+def as_in_file(model: RigModel, file: RigModel, groups: Sequence[str], names: Sequence[str] = ()) -> RigModel:
+    """The rig with the file's values of these groups and parameters."""
+    own = values_of(file)
+    return with_values(
+        model, {row.name: own[row.name] for row in PARAMETERS if row.group in groups or row.name in names}
+    )
 
 
 def evidence(found: Estimate, start: RigModel, group: str) -> float:
