@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -256,6 +257,9 @@ def run_plan(bench: Bench, *, is_live: bool, seed: int | None) -> RunPlan:
         "rig": bench.rig.model_dump(mode="json"),
         "scenario": bench.scenario.model_dump(mode="json"),
     }
+    if is_live:  # in lockstep the same seed gives the same bytes
+        written = datetime.fromtimestamp(bench.rig_path.stat().st_mtime, UTC)
+        settings["rig_file_utc"] = written.isoformat(timespec="seconds")
     return RunPlan(
         scenario=bench.scenario.scenario.name,
         mode="live" if is_live else "lockstep",

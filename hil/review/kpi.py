@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -18,6 +18,7 @@ from hil.core.sensors import signal_gain
 from hil.core.types import Mode
 from hil.edge.record.run_folder import Manifest, RunFolder, RunFolderError, RunPlan, Window, write_atomically
 from hil.review.alarms import Injected, injected, judge, merged
+from hil.review.parameter_drift import drift_of_run, hours_since_file, parameters_json
 from hil.review.ticks import Floats, LoggedEvent, Ticks, read
 
 LEVELS = ("1", "2", "3", "4")
@@ -52,6 +53,9 @@ class Kpi:
     iae_after_fault_Vs : from the first fault's onset to the end of its window, or of the run. overflow : a level
     reached the rim. dry_run : a pump ran without water. applied_out_of_range : a pump's voltage was outside the rig
     file's range.
+
+    parameters : what the run says of the rig file, for each gain, split and outlet that its movement determines: file,
+    estimate, sd, shift_sd (in standard deviations of both), per_hour. parameters_note : why there are none.
     """
 
     scenario: str
@@ -82,6 +86,8 @@ class Kpi:
     recorder_queue_max: Finite
     recorder: dict[str, Any]
     speed_x: float | None
+    parameters: dict[str, dict[str, Finite]] = field(default_factory=dict)
+    parameters_note: str = "not looked at"
 
 
 def compute(folder: RunFolder, speed_x: float | None = None) -> Kpi:
@@ -90,9 +96,18 @@ def compute(folder: RunFolder, speed_x: float | None = None) -> Kpi:
     Raises RunFolderError when the record cannot be read.
     """
     ticks, events = read(folder)
-    kpi = evaluate(folder.manifest(), ticks, events, speed_x)
+    manifest = folder.manifest()
+    kpi = with_parameters(evaluate(manifest, ticks, events, speed_x), manifest, ticks, events)
     write_atomically(folder.kpi_path, json.dumps(asdict(kpi), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
     return kpi
+
+
+def with_parameters(kpi: Kpi, manifest: Manifest, ticks: Ticks, events: Sequence[LoggedEvent]) -> Kpi:
+    """The figures with what the run says of its rig file; a second or two."""
+    drift = drift_of_run(manifest, ticks, events)
+    if drift is None:
+        return replace(kpi, parameters_note="run.json has no rig that this program can use")
+    return replace(kpi, parameters=parameters_json(drift, hours_since_file(manifest)), parameters_note=drift.why)
 
 
 def evaluate(manifest: Manifest, ticks: Ticks, events: Sequence[LoggedEvent], speed_x: float | None = None) -> Kpi:

@@ -17,6 +17,7 @@ from hil.edge.record.run_folder import Manifest, RunFolder, write_atomically
 from hil.review import page, run_figures, table3
 from hil.review.alarm_table import alarm_table
 from hil.review.alarms import Injected, injected
+from hil.review.drift_section import drift_section, with_recorded
 from hil.review.kpi import Kpi, evaluate, level_gain, output_levels
 from hil.review.ticks import LoggedEvent, Ticks, read
 
@@ -69,6 +70,7 @@ def render(run: Run, other: Run | None = None) -> str:
             page.section("Table 3 of the paper", _paper_table(runs) if is_papers else ""),
             page.section("Integral of the absolute error", "" if is_papers else _iae_table(runs)),
             page.section("Alarms and trips", alarm_table([(one.name, one.kpi, one.ticks) for one in runs])),
+            page.section("Is the rig file still right?", drift_section(run.manifest, run.kpi)),
             page.section("Figures", _figures(run, other)),
             page.section("Events", _event_table(run.events)),
             page.section("Configuration", _configuration(run.manifest)),
@@ -80,7 +82,8 @@ def render(run: Run, other: Run | None = None) -> str:
 def _load(folder: RunFolder) -> Run:
     manifest = folder.manifest()
     ticks, events = read(folder)
-    return Run(manifest, ticks, events, evaluate(manifest, ticks, events), folder.path.name)
+    figures = with_recorded(evaluate(manifest, ticks, events), folder)
+    return Run(manifest, ticks, events, figures, folder.path.name)
 
 
 def _header(manifest: Manifest, compared: str = "") -> str:

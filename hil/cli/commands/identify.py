@@ -71,6 +71,17 @@ def identify(
             "--write", help="Replace the rig file, with a dated copy, if the new one predicts better by 10 %."
         ),
     ] = False,
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check",
+            help="Say how far the parameters have moved from the rig file (default: that of the newest run), run by "
+            "run, and how fast. Exit code 5 beyond --limit. With --out: check.json, trend.png.",
+        ),
+    ] = False,
+    limit: Annotated[
+        float, typer.Option("--limit", metavar="SD", min=0.1, max=1000.0, help="Of --check, in standard deviations.")
+    ] = 3.0,
     rerun: RerunChoice = True,
 ) -> None:
     """Identify the rig: an experiment of 12 minutes that moves the pumps, or recorded runs; then the parameters.
@@ -78,6 +89,13 @@ def identify(
     The experiment goes through phases. Each is announced, waits for a word unless --yes is given, and leaves the pumps
     at 0 V. Ctrl-C ends it at any time; the same command with the same --out then goes on. Stay beside the rig.
     """
+    if check:
+        from hil.cli import identify_check
+        from hil.edge.config.shipped import find_rig
+
+        rig_path = find_rig(rig, config) if rig is not None else None if config is None else config / "rig.toml"
+        with interruptible():
+            raise typer.Exit(identify_check.run(Console(), tuple(runs or ()), rig_path, limit, out))
     from hil.cli import identify_command as identification
 
     options = identification.IdentifyOptions(
