@@ -178,7 +178,8 @@ def reason_to_wait(config: ProbeConfig, limits: Limits, question: OpenQuestion, 
     if min(at.raw_V) - reach_V < low_V or max(at.raw_V) + reach_V > high_V:
         return "a pump is near the limit of its range"
     rises = rise_cm(limits, config)
-    seen = levels_cm(limits, at.inputs, belief)
+    (h1, h2, h3, h4), (hidden1, hidden2) = levels_cm(limits, at.inputs, belief), diagnosis.hidden_cm
+    seen = (max(h1, hidden1), max(h2, hidden2), h3, h4)
     if any(h + rise > limits.level_max_cm - LEVEL_ROOM_CM for h, rise in zip(seen, rises, strict=True)):
         return "a level is too high"
     if any(h - rise < MIN_LEVEL_CM for h, rise in zip(_lowest_cm(limits, at), rises, strict=True)):

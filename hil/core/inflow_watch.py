@@ -6,9 +6,10 @@ outlet seems to let through more than it did. With the outlet as it was, the lev
 that ratio.
 
 Inflow is the smaller of what the voltages and what the upper levels say, so that a weak pump or a clogged upper outlet
-alone do not count. The ratio is compared with that of the first LEARN_S, which no error of the rig file changes, and
-learned again after each fault that the diagnosis names: a leak is such a reason. It begins after the start phase, in
-which `filling_watch` counts the water.
+alone do not count. What a pump gives for its voltage is first learned from the upper levels: without this, pumps with
+other gains, dead zones or curves made the ratio rise whenever a voltage changed. The ratio is compared with that of the
+first LEARN_S, which no error of the rig file changes, and learned again after each fault that the diagnosis names: a
+leak is such a reason. It begins after the start phase, in which `filling_watch` counts the water.
 Why: docs/decisions/0022-veto-of-a-live-sensor.md.
 """
 
@@ -17,10 +18,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf
 
-from hil.core.tanks import TankModel, clean_outflow, water_balance
+from hil.core.tanks import TankModel, WaterBalance, clean_outflow, water_balance
 from hil.core.types import Diagnosis, Pair, Quad
 
 LEARN_S = 120.0
+LEARN_PUMPS_S, PUMP_SMOOTHING_S = 30.0, 20.0
+"""Of these, the first are for what the pumps give; the ratio begins after them."""
+
 SMOOTHING_S = 60.0
 """A fault that the diagnosis finds is found within this time."""
 
@@ -41,7 +45,9 @@ class InflowWatch:
     """State of the watch for the two lower tanks.
 
     ratio : (2,) outflow by the balance over that of a clean outlet, smoothed. learned : (2,) the ratio after LEARN_S,
-    (0, 0) before. age_s : time since learning began. level_cm : (4,) levels at watched_ns, None at first.
+    (0, 0) before. age_s : time since learning began. level_cm : (4,) levels at watched_ns, None at first. came_cm3_s,
+    sent_cm3_s : (2,) what each pump sends to the upper tank across, by that level and by its voltage, smoothed. given :
+    (2,) the first over the second after LEARN_PUMPS_S.
     """
 
     ratio: Pair = (1.0, 1.0)
@@ -49,6 +55,20 @@ class InflowWatch:
     age_s: float = 0.0
     level_cm: Quad | None = None
     watched_ns: int = 0
+    came_cm3_s: Pair = (0.0, 0.0)
+    sent_cm3_s: Pair = (0.0, 0.0)
+    given: Pair = (1.0, 1.0)
+
+    @property
+    def counted(self) -> Pair:
+        """(2,) share of what comes by the upper level of each pump that its voltage explains; 1 while it is learned."""
+        if self.learned == (0.0, 0.0):
+            return 1.0, 1.0
+        first, second = (
+            min(given * sent / came, 1.0) if came > given * sent > 0.0 else 1.0
+            for given, sent, came in zip(self.given, self.sent_cm3_s, self.came_cm3_s, strict=True)
+        )
+        return first, second
 
     def possible_cm(self, model: TankModel, level_cm: Quad, diagnosis: Diagnosis) -> Pair:
         """(2,) the levels that the lower tanks may have, in cm; -inf where nothing speaks against those given."""
@@ -81,25 +101,43 @@ def watch_inflow(
     if watch.level_cm is None or period_s <= 0.0 or begins:
         return InflowWatch(level_cm=level_cm, watched_ns=now_ns)
     age_s = watch.age_s + period_s
-    weight = min(period_s / min(age_s, SMOOTHING_S), 1.0)
+    balance = water_balance(model, watch.level_cm, level_cm, effective_V, period_s)
+    (into3, into4), (sent3, sent4) = balance.upper_inflow, balance.across
+    pump_weight = min(period_s / min(age_s, PUMP_SMOOTHING_S), 1.0)
+    came_cm3_s = _smoothed(watch.came_cm3_s, (into4, into3), pump_weight)
+    sent_cm3_s = _smoothed(watch.sent_cm3_s, (sent4, sent3), pump_weight)
+    given = _given(came_cm3_s, sent_cm3_s) if age_s <= LEARN_PUMPS_S else watch.given
+    weight = min(period_s / min(max(age_s - LEARN_PUMPS_S, period_s), SMOOTHING_S), 1.0)
     low, high = RANGE
-    now1, now2 = (min(max(now, low), high) for now in _ratios(model, watch.level_cm, level_cm, effective_V, period_s))
-    ratio = (watch.ratio[0] + weight * (now1 - watch.ratio[0]), watch.ratio[1] + weight * (now2 - watch.ratio[1]))
+    now1, now2 = (min(max(now, low), high) for now in _ratios(model, balance, watch.counted, level_cm))
+    ratio = _smoothed(watch.ratio, (now1, now2), weight)
     learned = watch.learned
     if learned == (0.0, 0.0) and age_s >= LEARN_S:
         learned = (ratio[0] / risen[0], ratio[1] / risen[1])
-    return InflowWatch(ratio=ratio, learned=learned, age_s=age_s, level_cm=level_cm, watched_ns=now_ns)
+    return InflowWatch(ratio, learned, age_s, level_cm, now_ns, came_cm3_s, sent_cm3_s, given)
 
 
-def _ratios(model: TankModel, before_cm: Quad, level_cm: Quad, effective_V: Pair, period_s: float) -> Pair:
-    """(2,) inflow less change of volume, over the outflow of a clean outlet."""
-    balance = water_balance(model, before_cm, level_cm, effective_V, period_s)
+def _smoothed(before: Pair, now: Pair, weight: float) -> Pair:
+    return before[0] + weight * (now[0] - before[0]), before[1] + weight * (now[1] - before[1])
+
+
+def _given(came_cm3_s: Pair, sent_cm3_s: Pair) -> Pair:
+    """(2,) what each pump gives for its voltage, over what the file says."""
+    low, high = RANGE
+    first, second = (
+        min(max(came / sent, low), high) if sent > 0.0 else 1.0
+        for came, sent in zip(came_cm3_s, sent_cm3_s, strict=True)
+    )
+    return first, second
+
+
+def _ratios(model: TankModel, balance: WaterBalance, counted: Pair, level_cm: Quad) -> Pair:
+    """(2,) inflow less change of volume, over the outflow of a clean outlet. counted : (2,) see InflowWatch."""
     ratios = []
     for tank, other in ((0, 1), (1, 0)):
         split = model.valve_split[tank]
         by_level = split / max(1.0 - split, 1e-3) * balance.upper_inflow[other]  # this pump's other tank
-        own = min(balance.direct[tank], by_level)
-        above = min(balance.outflow[2 + tank], balance.across[tank])
+        inflow = counted[tank] * by_level + counted[other] * balance.outflow[2 + tank]
         clean = clean_outflow(model, tank, max(level_cm[tank], MIN_LEVEL_CM))
-        ratios.append((own + above - balance.growth[tank]) / clean)
+        ratios.append((inflow - balance.growth[tank]) / clean)
     return ratios[0], ratios[1]

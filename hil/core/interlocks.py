@@ -360,6 +360,13 @@ INTERLOCKS: tuple[Interlock, ...] = (
     ),
     Interlock(
         TripCause.HIGH_LEVEL,
+        lambda m, s: max(s.diagnosis.hidden_cm) > m.level_max_cm,
+        "a lower tank may be nearly full: nothing excludes that its sensor drifts",
+        Reaction.STOP,
+        detail=lambda s: f"it would hold {max(s.diagnosis.hidden_cm):.2f} cm",
+    ),
+    Interlock(
+        TripCause.HIGH_LEVEL,
         _is_high_for_unknown,
         "something is wrong that no known fault explains, and a level is or may be high",
         Reaction.STOP,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
-from math import nan
+from math import inf, nan
 
 Pair = tuple[float, float]
 Quad = tuple[float, float, float, float]
@@ -307,6 +307,8 @@ class Diagnosis:
     level_walk_cm_sqrt_s : (4,) standard deviation of the levels' random walk after a second, cm, as learned; NaN where
     nothing is learned.
     open_question : what a movement of the pumps would answer; None if nothing.
+    hidden_cm : (2,) levels of the lower tanks, cm, if a sensor drifts downwards that nothing excludes yet; -inf if none
+    may.
     is_unknown : something is wrong that no known fault explains. unknown_s : for how long it has been, s; it counts
     down slowly afterwards. possible_V : (4,) the levels that the pumps would have caused without it, which the tanks
     may have if the sensors are what is wrong; None if nothing is unknown.
@@ -326,6 +328,7 @@ class Diagnosis:
     waterways: Waterways | None = None
     level_walk_cm_sqrt_s: Quad = (nan, nan, nan, nan)
     open_question: OpenQuestion | None = None
+    hidden_cm: Pair = (-inf, -inf)
     is_unknown: bool = False
     unknown_s: float = 0.0
     possible_V: Quad | None = None

@@ -234,6 +234,9 @@ HIGH = (17.5, 12.8, 1.6, 1.4)
     ("at", "reason"),
     [
         (occasion(HIGH), "a level is too high"),
+        (occasion(diagnosis=Diagnosis(hidden_cm=(17.5, -inf))), "a level is too high"),
+        (occasion(diagnosis=Diagnosis(hidden_cm=(-inf, 18.0))), "a level is too high"),
+        (occasion(diagnosis=Diagnosis(hidden_cm=(16.0, 16.0))), ""),
         (occasion((12.4, 12.8, 0.3, 1.4)), "a level is too low"),
         (occasion(raw_V=(9.6, 3.0)), "a pump is near the limit of its range"),
         (occasion(raw_V=(3.0, 0.4)), "a pump is near the limit of its range"),

@@ -105,6 +105,34 @@ def test_an_error_of_the_rig_file_is_learned() -> None:
     assert watch.possible_cm(BENCH, (12.0, 13.0, 1.0, 1.0), HEALTHY) == NOTHING
 
 
+@pytest.mark.parametrize("strength", [1.0, 1.3])
+@pytest.mark.parametrize("bend", [-0.03, 0.03])
+@pytest.mark.parametrize("step_V", [-1.2, 1.0])
+def test_pumps_with_a_curve_that_the_file_does_not_have_do_not_look_like_it(
+    strength: float, bend: float, step_V: float
+) -> None:
+    """The ratio rose when the voltage of such a pump changed, and healthy runs were stopped."""
+
+    def voltage(t_s: float) -> float:
+        return 3.5 + step_V * min(max(t_s - 200.0, 0.0) / 30.0, 1.0)
+
+    def moved(t_s: float) -> tuple[TankModel, Pair]:
+        x = voltage(t_s) - 0.5
+        flow_V = strength * x * (1.0 + bend * x)
+        return BENCH, (flow_V, flow_V)
+
+    watch = InflowWatch()
+    highest = 0.0
+
+    def told(t_s: float, _: Pair) -> Pair:
+        return voltage(t_s), voltage(t_s)
+
+    for seconds in (200.0, 260.0, 330.0, 500.0):
+        watch = watched(moved, told_V=told, seconds=seconds)
+        highest = max(highest, *(now / then for now, then in zip(watch.ratio, watch.learned, strict=True)))
+    assert highest < 1.06
+
+
 def test_what_the_diagnosis_names_is_learned_again() -> None:
     before = InflowWatch((1.2, 1.3), (1.0, 1.0), 300.0, (12.0, 13.0, 1.6, 1.4), SECOND)
     at = (12.1, 13.1, 1.7, 1.5)

@@ -105,6 +105,7 @@ def test_trips_stand_before_stops() -> None:
         TripCause.PUMP_DEAD,
         TripCause.HIGH_LEVEL,
         TripCause.HIGH_LEVEL,
+        TripCause.HIGH_LEVEL,
         TripCause.UNKNOWN_FAULT,
         TripCause.NO_STABLE_LAW,
         TripCause.START_FAILED,
@@ -369,6 +370,19 @@ def test_a_tank_that_may_be_fuller_than_its_sensor_shows_stops_the_run(tank: int
     unknown = supervisor._situation(LIMITS, RUNNING, HEALTHY, NOW_NS, NO_BELIEF)
     stop = next(i for i in INTERLOCKS if i.cause is TripCause.HIGH_LEVEL and i.reaction is Reaction.STOP)
     assert stop.describe(unknown) == stop.text
+
+
+@pytest.mark.parametrize("tank", [0, 1])
+def test_a_tank_that_may_be_full_by_a_drift_that_is_not_excluded_stops_the_run(tank: int) -> None:
+    """A drift downwards was named a leak, and no interlock used the level that the drift implied."""
+    full = (19.0 + JUST, -math.inf) if tank == 0 else (-math.inf, 19.0 + JUST)
+    state, events = after(HEALTHY, believing(Diagnosis(hidden_cm=full)))
+    assert (state.mode, state.cause, state.stopped_by) == (Mode.STOPPING, None, "high_level")
+    assert events[0].text == (
+        "stopping: a lower tank may be nearly full: nothing excludes that its sensor drifts: "
+        f"it would hold {full[tank]:.2f} cm"
+    )
+    assert after(HEALTHY, believing(Diagnosis(hidden_cm=(19.0, 19.0))))[0].mode is Mode.RUNNING
 
 
 @pytest.mark.parametrize("tank", range(4))

@@ -7,6 +7,7 @@ bank               every hypothesis at every onset of the last minute, linear: r
 replay             the filter again from the onset, once per hypothesis: tells them apart and says how large
 isolation          from an alarm to a verdict; `declaration` names it, `drift_review` and `stuck_check` may change it
 ambiguity          what cannot be told apart yet
+hidden_level       how full a lower tank is by a drift of its sensor that is not excluded
 growth             the rate of a fault that grows
 sensor_statistics  what single readings show without a model: stuck, open, noisy sensors; `sensor_monitor` acts on it
 rollback           back to an earlier step, and the readings since filtered again

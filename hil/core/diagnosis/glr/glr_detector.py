@@ -20,6 +20,7 @@ from hil.core.diagnosis.glr import (
     declaration,
     drift_review,
     first_day,
+    hidden_level,
     identified,
     isolation,
     kernels,
@@ -166,6 +167,7 @@ class GlrDetector:
         m.history.no_jump[m.now % RING] = likelihood
         if m.unknown is None:
             first_day.step(self.config, m, likelihood)
+        hidden_level.step(self.config, m, likelihood)
         alarms = stuck_check.step(self.config, m, likelihood)
         slot, m.max_ratio = kernels.update_bank(
             model.level_gain_V_cm, m.now, entry, m.result, m.bank, m.min_jumps(), m.best
@@ -197,6 +199,7 @@ class GlrDetector:
         h1, h2, h3, h4 = m.x[LEVEL : LEVEL + 4].tolist()
         level_V = (gain * h1, gain * h2, gain * h3, gain * h4)
         w1, w2, w3, w4 = np.sqrt(m.noise.walk).tolist()
+        hidden_cm = hidden_level.levels_cm(self.config, m)
         if not m.declared and not m.lost and not m.strength and m.unknown is None:
             return Diagnosis(
                 new_alarms=tuple(alarms),
@@ -204,6 +207,7 @@ class GlrDetector:
                 is_diverged=self._is_diverged(m, h1),
                 level_walk_cm_sqrt_s=(w1, w2, w3, w4),
                 open_question=ambiguity.open_question(self.config, m),
+                hidden_cm=hidden_cm,
             )
         stuck = [j in m.declared and m.declared[j].kind == "pump_stuck_on" for j in PUMPS]
         distrusted = [m.distrusted(i) for i in range(4)]
@@ -227,6 +231,7 @@ class GlrDetector:
             waterways=identified.waterways(self.config, m),
             level_walk_cm_sqrt_s=(w1, w2, w3, w4),
             open_question=ambiguity.open_question(self.config, m),
+            hidden_cm=hidden_cm,
         )
 
     def _is_diverged(self, m: Memory, level_cm: float) -> bool:

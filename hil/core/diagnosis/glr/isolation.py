@@ -14,6 +14,7 @@ from hil.core.diagnosis.glr import (
     declaration,
     drift_review,
     growth,
+    hidden_level,
     kernels,
     onsets,
     rollback,
@@ -252,6 +253,7 @@ def _settle(config: DetectorConfig, m: Memory, suspicion: Suspicion, winner: int
         _refilter(config, m, int(r.fit[winner]))
     told = Suspicion(number=alarms[0].number, detected_s=alarms[0].detected_s)
     m.rival = drift_review.rival_of(config, m, winner, order, told, has_moved=has_moved)
+    m.hidden = hidden_level.begin(config, m, winner)
     m.verdicts_s = (*m.verdicts_s, m.t_s)[-config.tuning.verdicts_max :]
     return alarms
 

@@ -266,6 +266,20 @@ class Rival:
 
 
 @dataclass(slots=True)
+class Hidden:
+    """The filter of a drift downwards of a lower sensor that is not excluded although another fault was declared.
+
+    tank : from 0. lead : of the declared fault, log-likelihood ratio. target : what grows in the filter.
+    """
+
+    tank: int
+    x: Array
+    P: Array
+    lead: float
+    target: int
+
+
+@dataclass(slots=True)
 class Declared:
     """A fault that has been declared.
 
@@ -311,12 +325,12 @@ class Memory:
     sensor's readings. lost : the sensors that it does not use. agrees : for how many steps a lost sensor has agreed
     with the filter. noisy : numbers of the alarms of noisy sensors. is_doubtful : whether a sensor that is used repeats
     itself so often that it may be stuck. mean_square : running mean square of the whitened innovations. verdicts_s :
-    run times of the latest verdicts. rival : to the latest drift. checkpoint : from before the latest verdict. unproven
-    : the pump that was at rest when the other one failed, and for how long it has been driven since; None when both are
-    known to work. strength : pumps that were reported to give another share than the file says. steady_s : (2,) for how
-    long a difference from that has been known. calm_squares : mean_square by step modulo RING. told : the latest names.
-    unknown : what nothing explains, while it goes on; unknown_s : for how long, fading
-    afterwards; unknown_until_s : run time at which the last was over.
+    run times of the latest verdicts. rival : to the latest drift. hidden : see `hidden_level`. checkpoint : from before
+    the latest verdict. unproven : the pump that was at rest when the other one failed, and for how long it has been
+    driven since; None when both are known to work. strength : pumps that were reported to give another share than the
+    file says. steady_s : (2,) for how long a difference from that has been known. calm_squares : mean_square by step
+    modulo RING. told : the latest names. unknown : what nothing explains, while it goes on; unknown_s : for how long,
+    fading afterwards; unknown_until_s : run time at which the last was over.
     """
 
     x: Array
@@ -349,6 +363,7 @@ class Memory:
     growing: int = NO_GROWTH
     followed_s: float = -inf
     rival: Rival | None = None
+    hidden: Hidden | None = None
     alarms: int = 0
     verdicts_s: tuple[float, ...] = ()
     checkpoint: Checkpoint | None = None
