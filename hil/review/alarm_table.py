@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from hil.core.fault_kinds import FaultKind
+from hil.core.types import NAMELESS
 from hil.review import page
 from hil.review.kpi import Kpi
 from hil.review.ticks import Ticks
@@ -56,12 +57,12 @@ def _rows(kpi: Kpi, ticks: Ticks) -> list[list[str]]:
     rows = [
         [
             page.number(alarm["detected_s"], 5),
-            f"{alarm['kind']} {alarm['target']}",
+            alarm["kind"] if alarm["kind"] in NAMELESS else f"{alarm['kind']} {alarm['target']}",
             _with_spread(alarm["size"], alarm["size_std"]),
             page.number(last_estimate(kpi.alarms, index, ticks), 3),
             page.number(alarm["onset_s"], 5),
             page.number(alarm["isolated_s"], 5),
-            ", ".join(alarm["candidates"]),
+            alarm.get("looks") or ", ".join(alarm["candidates"]),
         ]
         for index, alarm in enumerate(kpi.alarms)
     ]
