@@ -32,6 +32,7 @@ from tools.identification_study.truth import (
     rig_truth,
     run_experiment,
 )
+from tools.identification_study.wire import wire_records
 
 RIGS = ("johansson_minus", "johansson_plus", "decenter2021")
 RULER = ((185.0, 1), (185.0, 3), (70.0, 0), (70.0, 3), (245.0, 0), (245.0, 1), (245.0, 2), (245.0, 3))
@@ -50,8 +51,10 @@ class Case:
     expected: tuple[str, ...] | None
 
 
-def run_case(kind: str, seed: int, *, turbulence: float = 0.0, wave_V: float = 0.0, rig: str = "") -> Case:
-    """Draw a rig, do the experiment and a held-out one, and identify it."""
+def run_case(
+    kind: str, seed: int, *, turbulence: float = 0.0, wave_V: float = 0.0, rig: str = "", is_wire: bool = False
+) -> Case:
+    """Draw a rig, do the experiment and a held-out one, and identify it. is_wire : by `hil identify`'s own plan."""
     ruler: tuple[tuple[float, int], ...] = RULER
     if rig:
         truth = rig_truth(rig)
@@ -59,10 +62,13 @@ def run_case(kind: str, seed: int, *, turbulence: float = 0.0, wave_V: float = 0
         truth = rich_truth(seed)
     else:
         truth, ruler = basic_truth(seed, turbulence=turbulence, wave_V=wave_V), ()
-    record = run_experiment(truth, experiment_plan(truth, seed), seed, ruler=ruler)
-    held_out = run_experiment(truth, held_out_plan(truth, seed), seed + HELD_OUT_SEED, name="held out")
+    if is_wire:
+        records, held_out = wire_records(truth, seed, is_full=kind == "rich", with_ruler=bool(ruler))
+    else:
+        records = [run_experiment(truth, experiment_plan(truth, seed), seed, ruler=ruler)]
+        held_out = [run_experiment(truth, held_out_plan(truth, seed), seed + HELD_OUT_SEED, name="held out")]
     began_s = time.monotonic()
-    found = identify([record], file_of(truth), held_out=held_out)
+    found = identify(records, file_of(truth), held_out=held_out)
     return Case(rig or f"seed {seed}", truth, found, time.monotonic() - began_s, STRUCTURES.get(kind))
 
 
@@ -132,17 +138,21 @@ def main() -> None:
     parser.add_argument("--kind", choices=("basic", "rich", "rigs"), default="basic")
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--first-seed", type=int, default=1)
+    parser.add_argument("--wire", action="store_true", help="the experiment of hil identify --emulator; not for rigs")
     parser.add_argument("--turbulence", type=float, default=0.0, help="cm3/sqrt(s), of basic rigs")
     parser.add_argument("--wave", type=float, default=0.0, help="V, of basic rigs")
     options = parser.parse_args()
-    console, cases = Console(), []
+    console, cases = Console(width=110), []
     seeds = range(options.first_seed, options.first_seed + options.seeds)
     for seed in seeds:
         for rig in RIGS if options.kind == "rigs" else ("",):
-            case = run_case(options.kind, seed, turbulence=options.turbulence, wave_V=options.wave, rig=rig)
+            is_wire = options.wire and not rig
+            case = run_case(
+                options.kind, seed, turbulence=options.turbulence, wave_V=options.wave, rig=rig, is_wire=is_wire
+            )
             cases.append(case)
             structure = ", ".join(case.found.structure) or "basic"
-            console.print(f"{case.name}: {case.found.refusal or structure} ({case.duration_s:.1f} s)")
+            print(f"{case.name}: {case.found.refusal or structure} ({case.duration_s:.1f} s)", flush=True)
     console.print(parameter_table(cases))
     for line in summary(cases):
         console.print(line)

@@ -80,7 +80,9 @@ def basic_truth(seed: int, *, turbulence: float = 0.0, wave_V: float = 0.0) -> T
     pumps = settings.pumps.model_copy(update={"lag_spread": 0.5})
     sensors = settings.sensors.model_copy(update={"wave_V": wave_V})
     settings = settings.model_copy(update={"tanks": tanks, "pumps": pumps, "sensors": sensors, "parameter_spread": 0.2})
-    return with_safe_tops(drawn(settings, seed))
+    settings = drawn(settings, seed)
+    pumps = settings.pumps.model_copy(update={"lag_spread": 0.0})
+    return with_safe_tops(settings.model_copy(update={"parameter_spread": 0.0, "pumps": pumps}))
 
 
 def rich_truth(seed: int) -> Truth:

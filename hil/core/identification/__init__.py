@@ -12,5 +12,13 @@ Pure, as all of `hil.core`: numbers in, numbers out. Module by module:
     minimum      the minimum at a given noise, and the noise of residuals
     starts       other starts, for a fit that ended far from its readings
     fit          the least-squares fit
+    whitening    the filter that makes residuals white: waves and turbulence
+    noise_model  how large the sensors' noise, waves and turbulence are
+    intervals    the covariance of the estimate, where residuals are still coloured, too
+    estimate     generalised least squares with the noise model
+    null_directions  what the records do not determine, in words
+    structure    which extensions a held-out record asks for
+    starting     what the sensors show of known levels
+    identify     all of it: from records to an Identification
     result       what an identification returns
 """

@@ -6,7 +6,9 @@ evidence (Wald's statistic over its number of parameters), fits again, and predi
 extension goes unless the prediction without it is worse by more than chance: both predictions are whitened with the
 same noise model, so that the difference of their sums of squares would be about minus its number of parameters for an
 extension that is not there, with a standard deviation of about twice the square root of it. The margin is four times
-that: fewer parameters win where both predict alike. The cost of the fit itself decides nothing.
+that: fewer parameters win where both predict alike. An extension that moves no sensor's prediction by a fifth of the
+noise of one reading (RMS) goes in any case: so small an effect may as well come from something that the model does not
+have, such as turbulence in an empty tank. The cost of the fit itself decides nothing.
 
 Where the records leave basic parameters undetermined (a pump that never moved), a held-out record in which they matter
 can't judge: then, and only then, the fit itself does, with the margin of Schwarz's criterion.
@@ -16,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import log, sqrt
+from math import inf, log, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +34,7 @@ Array = NDArray[np.float64]
 
 MARGIN_FIXED, MARGIN_SD = 6.0, 4.0
 REDUCED_STEPS = 6
+NOTICEABLE = 0.2
 GIVEN_UP_FIRST = ("overflow", "delay", "sensor_gain", "curve", "datum", "sensor_offset", "dead_zone")
 
 
@@ -48,15 +51,40 @@ class StructureChoice:
     trace: tuple[tuple[str, float, bool], ...]
 
 
-def held_out_square(model: RigModel, records: Sequence[LevelRecord], noise: NoiseModel) -> float:
-    """Sum of the squared white residuals of a simulation of these records; unknown initial levels are fitted."""
-    fixed = {row.group: FIXED for row in PARAMETERS}
-    wanted = unknowns(records, model, fixed)
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """square : sum of the squared white residuals. residual_V : (n, 4) of all records; empty without records."""
+
+    square: float
+    residual_V: Array
+
+    def difference(self, other: Judgement, noise: NoiseModel) -> float:
+        """The largest RMS difference of both predictions among the sensors, over the noise of one reading."""
+        if not len(self.residual_V):
+            return inf
+        away = self.residual_V - other.residual_V
+        return max(
+            float(np.sqrt(np.mean(column**2))) / sd_V
+            for column, sd_V in zip([c[np.isfinite(c)] for c in away.T], noise.noise_V, strict=True)
+            if len(column)
+        )
+
+
+def judged(found: Estimate, records: Sequence[LevelRecord], noise: NoiseModel) -> Judgement:
+    """A simulation of records that were not fitted; unknown initial levels are. Without records: the fit itself."""
+    if not records:
+        return Judgement(found.normal.cost, np.zeros((0, 4)))
+    model = found.model
+    wanted = unknowns(records, model, {row.group: FIXED for row in PARAMETERS})
     problem = Problem(tuple(records), model, wanted, Priors({}, {}))
-    if not wanted.names:
-        return problem.normal(wanted.start, noise).cost
-    _, normal, _ = minimise(problem, wanted.start, noise)
-    return normal.cost
+    values, square = wanted.start, 0.0
+    if wanted.names:
+        values, normal, _ = minimise(problem, values, noise)
+        square = normal.cost
+    else:
+        square = problem.normal(values, noise).cost
+    linear, _, _ = problem.linearised(values, None)
+    return Judgement(square, np.concatenate([record.residual_V for record in linear]))
 
 
 def choose_structure(
@@ -84,7 +112,7 @@ def choose_structure(
         current = estimate(records, start, {**free, **choices}, priors, near=near)
     noise = current.noise
     judge = held_out if is_judged else ()
-    square = _judged(current, judge, noise)
+    now = judged(current, judge, noise)
     settled: set[str] = set()
     gone: list[str] = []
     trace = []
@@ -101,14 +129,15 @@ def choose_structure(
             noise=noise,
             max_steps=REDUCED_STEPS,
         )
-        without = _judged(reduced, judge, noise)
+        without = judged(reduced, judge, noise)
+        worse = without.square - now.square
         count = len(_group(current, file, group)[0])
-        is_needed = without - square > _margin(current, count, is_judged)
-        trace.append((group, without - square, is_needed))
+        is_needed = worse > _margin(current, count, is_judged) and without.difference(now, noise) > NOTICEABLE
+        trace.append((group, worse, is_needed))
         if is_needed:
             settled.add(group)
         else:
-            kept, current, square = fewer, reduced, without
+            kept, current, now = fewer, reduced, without
             gone.append(group)
     groups = tuple(group for group in candidates if group in kept)
     return StructureChoice(groups, dict.fromkeys(lost, FIXED), current, tuple(trace))
@@ -132,11 +161,6 @@ def hopeless(full: Estimate, candidates: Sequence[str]) -> tuple[tuple[str, ...]
         now = [name for name in unknown if BY_NAME[name].group == first]
         lost += now
         keep = np.array([i for i in keep if full.names[i] not in now])
-
-
-def _judged(found: Estimate, judge: Sequence[LevelRecord], noise: NoiseModel) -> float:
-    """What is compared: sum of squares on the held-out records, or of the fit itself where there is no judge."""
-    return held_out_square(found.model, judge, noise) if judge else found.normal.cost
 
 
 def _margin(found: Estimate, count: int, is_judged: bool) -> float:
