@@ -34,7 +34,7 @@ def emulator(truth: str | None, rig: str | None, config_dir: Path | None, seed: 
     """The emulator with empty tanks.
 
     truth : a rig file, an emulator file, or a scenario whose [emulator] table says how the true rig differs, by path or
-    shipped name; None: the rig, as `hil simulate` has it. Raises SettingsError.
+    shipped name; None: the rig, as `hil simulate` has it. A scenario's faults are not played. Raises SettingsError.
     """
     config = config_dir or default_config_dir()
     emulator_file, scenario, rig_file = config / "emulator.toml", None, None
@@ -49,8 +49,8 @@ def emulator(truth: str | None, rig: str | None, config_dir: Path | None, seed: 
         else:
             scenario = path
     try:
-        settings, faults = emulator_settings.load(emulator_file, scenario, rig_file, is_empty=True)
-        return Emulator(settings, faults, seed, emulator_settings.load_fingerprint(config / "bench.dbc"))
+        settings, _ = emulator_settings.load(emulator_file, scenario, rig_file, is_empty=True)
+        return Emulator(settings, (), seed, emulator_settings.load_fingerprint(config / "bench.dbc"))
     except emulator_settings.SettingsError as error:
         raise SettingsError(str(error)) from None
 

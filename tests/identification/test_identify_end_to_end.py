@@ -1,0 +1,62 @@
+"""From a rig that its file does not describe to the paper's experiment on it, as docs/how-to/identify.md does it."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.cli.cli_bench import ROOT, run_script
+
+pytestmark = pytest.mark.long
+
+PAGE = ROOT / "docs" / "how-to" / "identify.md"
+FLOW_LEFT = 0.4
+
+
+def first_day(folder: Path) -> Path:
+    """The scenario that the page writes."""
+    text = PAGE.read_text(encoding="utf-8")
+    file = folder / "first_day.toml"
+    file.write_text(text.partition("cat > first_day.toml <<END\n")[2].partition("\nEND\n")[0] + "\n")
+    return file
+
+
+def figures(folder: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((folder / "kpi.json").read_text())
+    return found
+
+
+def simulated(scenario: Path, out: Path, *more: str | Path) -> dict[str, Any]:
+    done = run_script("hil", "simulate", scenario, "--out", out, "--no-rerun", "--no-report", *more, timeout_s=300.0)
+    assert done.code == 0, done
+    return figures(out)
+
+
+def test_an_identified_rig_runs_the_paper_s_experiment_as_the_default_rig_does(tmp_path: Path) -> None:
+    scenario, out = first_day(tmp_path), tmp_path / "rig"
+    done = run_script("hil", "identify", "--emulator", "--truth", scenario, "--out", out, "--no-rerun", timeout_s=300.0)
+    assert done.code == 0, done
+    found = json.loads((out / "identification.json").read_text())
+    true = {"k1": 3.78, "k2": 3.55, "gamma1": 0.66, "gamma2": 0.64}
+    true |= {"a1": 0.068, "a2": 0.060, "a3": 0.082, "a4": 0.050}
+    for name, value in true.items():
+        assert found["parameters"][name]["value"] == pytest.approx(value, rel=1e-3), name
+    assert found["duration_s"] <= 720.0
+
+    identified = simulated(scenario, tmp_path / "with", "--rig", out / "identified.toml")
+    without = simulated(scenario, tmp_path / "without")
+    default = tmp_path / "default.toml"
+    default.write_text(scenario.read_text().partition("pumps.gain_cm3_Vs")[0])
+    own = simulated(default, tmp_path / "own")
+
+    assert identified["status"] == "complete"
+    assert identified["false_alarms"] == own["false_alarms"] == 0
+    losses = [alarm for alarm in identified["alarms"] if alarm["kind"] == "pump_effectiveness"]
+    assert sorted(alarm["target"] for alarm in losses) == [1, 2]
+    assert all(alarm["size"] == pytest.approx(FLOW_LEFT, abs=0.06) for alarm in losses)
+    # the loss costs no more than on the default rig; with the default file three times as much on output 1
+    fall = [sum(one["iae_Vs"]["gain_fall"]) for one in (identified, own, without)]
+    assert fall[0] < 1.2 * fall[1]
+    assert fall[2] > 1.5 * fall[0]
+    assert without["false_alarms"] >= 1
