@@ -15,7 +15,7 @@ from hil.cli import exit_codes
 from hil.cli.complaint import complain
 from hil.core.identification.improvement import misfit_sentence
 from hil.core.identification.result import FittedParameter, Identification
-from hil.review.identification_words import number, structure_words
+from hil.review.identification_words import half_width, number, structure_words
 
 
 def finish(
@@ -75,7 +75,7 @@ def parameter_table(parameters: Sequence[FittedParameter]) -> Table:
     for one in parameters:
         if one.status == "fixed":
             continue
-        half = 0.5 * (one.high - one.low)
+        half = half_width(one)
         known = f"{half:.2g}" if one.status == "identified" else "[red]unknown[/]"
         unit = "" if one.unit == "1" else one.unit
         table.add_row(escape(one.name), f"{one.was:.5g}", number(one.value, half), known, unit)

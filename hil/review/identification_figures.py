@@ -13,9 +13,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from hil.core.identification.improvement import row_noise_V
 from hil.core.identification.parameters import RigModel
 from hil.core.identification.result import FittedParameter, Prediction
-from hil.review.identification_words import number
+from hil.review.identification_words import half_width, number
 from hil.review.run_figures import BLUE, GREY, INK, ORANGE, PALE, RED, panels, svg, thin
 
 Floats = NDArray[np.float64]
@@ -73,14 +74,15 @@ def levels(predictions: Sequence[Prediction], model: RigModel) -> str:
     return svg(figure, "Levels and prediction")
 
 
-def residuals(predictions: Sequence[Prediction], model: RigModel) -> str:
-    """Reading less prediction, a panel for each sensor, with the band of 95 % of the assumed noise."""
+def residuals(predictions: Sequence[Prediction]) -> str:
+    """Reading less prediction, a panel for each sensor, with the band of 95 % of its noise."""
     placed = _placed(predictions)
     figure, rows = _wide_panels([0.7] * 4)
     for tank, axes in enumerate(rows):
         look = {"color": BLUE, "lw": 0.6}
         _draw(axes, placed, lambda one, tank=tank: one.residuals[:, tank] * 1e3, look)  # type: ignore[misc]
-        band_mV = 1.96e3 * model.noise_V[tank]
+        noise_V = row_noise_V(predictions, tank)
+        band_mV = 1.96e3 * noise_V if np.isfinite(noise_V) else 0.0
         axes.axhspan(-band_mV, band_mV, color=ORANGE, alpha=0.2, lw=0, zorder=3)
         is_empty = not any(np.isfinite(one.residuals[:, tank]).any() for one in predictions)
         _sensor_panel(axes, tank, "[mV]", is_empty=is_empty)
@@ -186,7 +188,7 @@ def intervals(parameters: Sequence[FittedParameter]) -> str:
     for axes, group in rows:
         for place, one in enumerate(group):
             scale = 100.0 / one.was
-            half = 0.5 * abs((one.high - one.low) * scale)
+            half = half_width(one) * abs(scale)
             text = f"{one.value * scale - 100.0:+.2f} % ± {half:.2g} %"
             _interval(axes, place, [one.value * scale, one.low * scale, one.high * scale], one.status, text)
         _name_rows(axes, [one.name for one in group], 100.0, "% of the old value")
@@ -200,7 +202,7 @@ def new_values(parameters: Sequence[FittedParameter]) -> str:
     figure, rows = _interval_panels([[one for one in shown if one.unit == unit] for unit in units])
     for (axes, group), unit in zip(rows, units, strict=True):
         for place, one in enumerate(group):
-            half = 0.5 * (one.high - one.low)
+            half = half_width(one)
             text = f"{number(one.value, half)} ± {number(half, half)}"
             _interval(axes, place, [one.value, one.low, one.high], one.status, text)
         _name_rows(axes, [one.name for one in group], 0.0, "share [1]" if unit == "1" else f"[{unit}]")

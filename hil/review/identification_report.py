@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from math import isfinite
 
 from hil.core.counted import counted
-from hil.core.identification.improvement import Improvement, improvement, misfit_sentence
+from hil.core.identification.improvement import Improvement, improvement, misfit_sentence, row_noise_V
 from hil.core.identification.result import FittedParameter, Identification
 from hil.review import identification_figures as figures
 from hil.review import page, run_figures
-from hil.review.identification_words import number, sentence, structure_words
+from hil.review.identification_words import half_width, number, sentence, structure_words
 
 
 @dataclass(frozen=True)
@@ -98,18 +98,13 @@ def _undetermined(identification: Identification) -> str:
 
 
 def _held_out(identification: Identification, better: Improvement) -> str:
+    judges = [one for one in identification.predictions if one.is_held_out]
+    errors = zip(identification.holdout_rmse_before_V, identification.holdout_rmse_V, strict=True)
     rows = [
-        [f"sensor {tank + 1}", _millivolts(before_V), _millivolts(after_V), _millivolts(noise_V)]
-        for tank, (before_V, after_V, noise_V) in enumerate(
-            zip(
-                identification.holdout_rmse_before_V,
-                identification.holdout_rmse_V,
-                identification.model.noise_V,
-                strict=True,
-            )
-        )
+        [f"sensor {tank + 1}", _millivolts(before_V), _millivolts(after_V), _millivolts(row_noise_V(judges, tank))]
+        for tank, (before_V, after_V) in enumerate(errors)
     ]
-    heads = ["RMS error of the simulation", "old file", "identified", "noise of a reading"]
+    heads = ["RMS error of the simulation", "old file", "identified", "noise of a row"]
     missing = misfit_sentence(identification)
     warning = f'<p class="WARN">{page.escape(missing)}</p>' if missing else ""
     return page.paragraphs([better.sentence]) + warning + page.table(heads, rows, numeric=frozenset((1, 2, 3)))
@@ -120,7 +115,7 @@ def _table(parameters: Sequence[FittedParameter]) -> str:
     rows = []
     shown = [one for one in parameters if one.status != "fixed"]
     for one in shown:
-        half = 0.5 * (one.high - one.low)
+        half = half_width(one)
         known = one.status == "identified"
         change = f"{(one.value / one.was - 1.0) * 100:+.3g} %" if one.was != 0.0 and one.value != one.was else ""
         ends = [number(one.low, half), number(one.high, half)] if known else ["", ""]
@@ -168,7 +163,7 @@ def _record_figures(identification: Identification) -> list[tuple[str, str, str]
     if not shown:
         return []
     return [
-        ("Residuals.", "Reading less prediction; shaded: 95 % of the noise.", figures.residuals(shown, model)),
+        ("Residuals.", "Reading less prediction; shaded: 95 % of the noise.", figures.residuals(shown)),
         ("Readings.", "Measured (pale) and predicted; grey: held out.", figures.readings(shown)),
         ("Levels.", "The same as levels, by the identified sensors.", figures.levels(shown, model)),
     ]

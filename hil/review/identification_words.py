@@ -145,6 +145,11 @@ _SENTENCES = {
 }
 
 
+def half_width(one: FittedParameter) -> float:
+    """Half of the interval, of the longer half where the value is not in its middle, as at a limit."""
+    return max(one.high - one.value, one.value - one.low)
+
+
 def _change(one: FittedParameter, more: str, less: str) -> str:
     """By how many per cent of the old value."""
     if one.was == 0.0:
@@ -155,7 +160,7 @@ def _change(one: FittedParameter, more: str, less: str) -> str:
 
 def _known(one: FittedParameter) -> str:
     """Half of the interval, in per cent of the value."""
-    half = 0.5 * (one.high - one.low)
+    half = half_width(one)
     if not isfinite(half) or one.value == 0.0:
         return "how well it is known is not known"
     inside = " (the file's value is within that)" if one.low <= one.was <= one.high else ""
@@ -164,7 +169,7 @@ def _known(one: FittedParameter) -> str:
 
 def _value(one: FittedParameter) -> str:
     """Value and half of the interval, in its unit, to the digits of the latter."""
-    half = 0.5 * (one.high - one.low)
+    half = half_width(one)
     return f"{number(one.value, half)} ± {number(half, half)} {one.unit}"
 
 
@@ -178,7 +183,7 @@ def _with_unit(one: FittedParameter, is_old: bool = False) -> str:
 
 
 def _share(value: float, one: FittedParameter) -> str:
-    return f"{number(value * 100, 500.0 * (one.high - one.low))} %"
+    return f"{number(value * 100, 1000.0 * half_width(one))} %"
 
 
 def number(value: float, half: float) -> str:

@@ -50,6 +50,8 @@ _STYLE: dict[Any, Any] = {
 }
 _WIDTH_IN, _HEIGHT_IN = 5.8, 2.75
 _MAX_POINTS = 1500
+_LEGEND_LETTERS = 85
+"""So many fit above the axes in one row, with the lines beside them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,9 +215,10 @@ def _label(axes: Axes, quantity: str, *, is_last: bool = True) -> None:
 
 
 def _legend(axes: Axes) -> None:
-    handles, _ = axes.get_legend_handles_labels()
+    handles, names = axes.get_legend_handles_labels()
+    is_long = sum(map(len, names)) + 6 * len(names) > _LEGEND_LETTERS
     axes.legend(
-        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(handles), frameon=False, fontsize=8.5,
+        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2 if is_long else len(handles), frameon=False, fontsize=8.5,
         handlelength=1.6, columnspacing=1.3, borderaxespad=0.1,
     )  # fmt: skip
 

@@ -10,13 +10,14 @@ from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rich.console import Console
 
 from hil.bench.identification_result import NotReplacedError, replace_rig, write_result
 from hil.cli.commands.view import view
 from hil.cli.identify_result import finish
-from hil.core.identification.improvement import improvement, misfit_sentence
+from hil.core.identification.improvement import improvement, misfit_sentence, row_noise_V
 from hil.core.identification.result import Identification
 from hil.edge.config.rig_file import load_rig
 from hil.edge.record.run_folder import IncompleteRecordError
@@ -199,6 +200,22 @@ def test_sensors_that_the_held_out_record_lacks_do_not_count() -> None:
         identification(holdout_rmse_before_V=(0.02, nan, 0.02, 1.0), holdout_rmse_V=(0.01, 1.0, 0.01, nan))
     )
     assert better.share == pytest.approx(0.5)
+
+
+def test_the_noise_of_a_row_is_that_of_its_readings_mean_and_leaves_slow_errors_out() -> None:
+    """A band of 95 % of a single reading's noise once was drawn about means of five."""
+    one = identification().predictions[0]
+    slow = replace(one, predicted_V=one.predicted_V + 0.05 * np.sin(0.1 * one.time_s)[:, None])
+    assert row_noise_V([one], 0) == pytest.approx(0.005, rel=0.05)
+    assert row_noise_V([slow], 0) == pytest.approx(0.005, rel=0.05)
+    still = replace(one, reading_V=np.where(one.time_s[:, None] < 60.0, one.predicted_V, one.reading_V))
+    assert row_noise_V([still], 0) == pytest.approx(0.005, rel=0.1), "rows at the end of the range do not count"
+    assert math.isnan(row_noise_V([], 0))
+
+
+def test_an_interval_that_ends_at_a_limit_is_given_by_its_longer_half() -> None:
+    found = with_value(without_records(), "delay1", value=0.0, low=0.0, high=0.0051, status="identified")
+    assert "The flow of pump 1 arrives after 0.0000 ± 0.0051 s; the file said 0 s." in _report(found)
 
 
 def test_a_model_that_misses_the_held_out_record_is_said_to_lack_something() -> None:

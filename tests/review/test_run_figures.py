@@ -59,3 +59,15 @@ def test_an_alarm_that_is_reported_again_is_marked_once() -> None:
     axes = Figure().subplots()
     run_figures._mark_alarms(axes, events)
     assert sorted(text.xy[0] for text in axes.texts if isinstance(text, Annotation)) == [10.0, 20.0]
+
+
+def test_a_legend_with_long_names_takes_two_rows() -> None:
+    """The names of two runs of one strategy once went beyond the right edge of the figure."""
+    figure, (axes,) = run_figures.panels(1)
+    for name in ("reference", "reference in force", "compared run, reconfiguration", "this run, reconfiguration"):
+        axes.plot([0.0, 1.0], [0.0, 1.0], label=name)
+    run_figures._legend(axes)
+    figure.canvas.draw()
+    legend = axes.get_legend()
+    assert legend is not None
+    assert legend.get_window_extent().x1 <= figure.bbox.x1

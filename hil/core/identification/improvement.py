@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite, sqrt
 
-from hil.core.identification.result import Identification
+import numpy as np
+
+from hil.core.identification.result import Identification, Prediction
 
 MIN_IMPROVEMENT = 0.1
 """An old file is replaced only by one whose error on the held-out record is smaller by this share."""
@@ -55,12 +58,32 @@ def _rms(values: list[float]) -> float:
     return sqrt(sum(value**2 for value in values) / len(values)) if values else float("nan")
 
 
+def row_noise_V(predictions: Sequence[Prediction], sensor: int) -> float:  # noqa: N802 - a unit
+    """Standard deviation of the noise in a row of records, from the differences of neighbouring residuals.
+
+    Smaller than that of one reading where a row is a mean of several. Residuals of exactly zero, of sensors at an end
+    of their range, do not count. NaN without residuals. sensor : 0..3.
+    """
+    squares = []
+    for one in predictions:
+        residual = np.where(one.residuals[:, sensor] == 0.0, np.nan, one.residuals[:, sensor])
+        difference = np.diff(residual)
+        squares.append(difference[np.isfinite(difference)] ** 2)
+    pooled = np.concatenate(squares) if squares else np.empty(0)
+    return sqrt(0.5 * float(np.mean(pooled))) if len(pooled) else float("nan")
+
+
 def misfit_sentence(identification: Identification) -> str:
     """What is missing where the identified rig does not predict the held-out record to its noise; "" where it does."""
-    sensors = enumerate(zip(identification.holdout_rmse_V, identification.model.noise_V, strict=True), start=1)
-    shares = {
-        sensor: error_V / noise_V for sensor, (error_V, noise_V) in sensors if noise_V > 0.0 and isfinite(error_V)
-    }
+    held_out = [one for one in identification.predictions if one.is_held_out]
+    shares = {}
+    for sensor, (error_V, reading_V) in enumerate(
+        zip(identification.holdout_rmse_V, identification.model.noise_V, strict=True)
+    ):
+        row_V = row_noise_V(held_out, sensor)
+        noise_V = row_V if isfinite(row_V) else reading_V
+        if noise_V > 0.0 and isfinite(error_V):
+            shares[sensor + 1] = error_V / noise_V
     if not shares or max(shares.values()) <= MAX_MISFIT:
         return ""
     worst = max(shares, key=lambda sensor: shares[sensor])
