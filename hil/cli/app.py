@@ -56,7 +56,8 @@ app = typer.Typer(
     ),
     epilog=(
         "Exit codes: 0 done; 2 bad input or no record possible, nothing moved; 3 tripped; 4 not ready or failed; "
-        "5 done, but record or output incomplete; 129, 130 and 143 stopped by a signal."
+        "5 done, but record or output incomplete, or identify --check: beyond the limit; "
+        "129, 130 and 143 stopped by a signal."
     ),
     no_args_is_help=True,
     add_completion=False,

@@ -1,12 +1,10 @@
 """How far the parameters of a rig have moved from its file, by the record of an ordinary run.
 
-Gains, splits, outlets and lags are fitted to the record (`fit`), each with a wide prior around its value in the file.
-The prior holds what the record does not determine: a run at rest shows the levels that its voltages hold, four
-combinations of the parameters, and nothing of each alone. A parameter counts as determined only if the record has made
-its standard deviation a tenth of the prior's.
-
-The standard deviation is the larger of two: that of white residuals, and the sandwich of the sums over blocks of
-`BLOCK_S`, which holds where waves or a wrong model make the residuals similar to their neighbours.
+Gains, splits, outlets and lags are estimated from the record (`estimate`), each with a wide prior around its value in
+the file. The prior holds what the record does not determine: a run at rest shows the levels that its voltages hold,
+four combinations of the parameters, and nothing of each alone. A parameter counts as determined only if the record has
+made its standard deviation a tenth of the prior's. Waves and turbulence are part of the estimate's noise model, so
+that a lively rig determines less.
 
 Why: `docs/decisions/0033-is-the-file-still-right.md`.
 """
@@ -19,7 +17,7 @@ from math import hypot, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.core.identification.fit import Fit, fit
+from hil.core.identification.estimate import estimate
 from hil.core.identification.parameters import PARAMETERS, Choice, RigModel, values_of
 from hil.core.identification.records import LevelRecord
 from hil.core.uncertainty import Uncertainty
@@ -36,7 +34,6 @@ LAG_PRIOR = 0.5
 MIN_MOVE_V = 0.2
 """A run whose voltages stay within so much is not looked at: it is at rest."""
 MIN_DURATION_S = 60.0
-BLOCK_S = 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,31 +88,18 @@ def drift_of(record: LevelRecord, file: RigModel, uncertainty: Uncertainty) -> D
     choices = {name: Choice("prior", PRIOR * was[name]) for name in ALL_CHECKED}
     for lag in ("lag1", "lag2"):
         choices[lag] = Choice("prior", LAG_PRIOR * was[lag]) if was[lag] > 0.0 else Choice("fixed")
-    found = fit((record,), file, choices)
-    sd = dict(zip(found.names, standard_deviations(found).tolist(), strict=True))
+    found = estimate((record,), file, choices, near={})
+    values = dict(zip(found.names, found.values.tolist(), strict=True))
+    sd = dict(zip(found.names, np.sqrt(np.diag(found.covariance)).tolist(), strict=True))
     shares = _shares(uncertainty)
     moved = tuple(
-        Moved(name, was[name], found[name], sd[name], shares[name] * was[name])
+        Moved(name, was[name], values[name], sd[name], shares[name] * was[name])
         for name in ALL_CHECKED
         if sd[name] <= DETERMINED * PRIOR * was[name]
     )
     names = {one.name for one in moved}
     undetermined = tuple(name for name in ALL_CHECKED if name not in names)
     return Drift(moved, undetermined, "" if moved else "the run's movement determines none of them alone")
-
-
-def standard_deviations(found: Fit) -> Array:
-    """(p,) of all unknowns: the larger of that for white residuals and of the sandwich over blocks."""
-    covariance = found.covariance()
-    total: Array = np.zeros_like(covariance)
-    for record in found.records:
-        gradient = record.whitened.jacobian * (record.weight * record.whitened.residual)[:, :, None]
-        block = ((record.time_s - record.time_s[0]) / BLOCK_S).astype(int)
-        starts = np.flatnonzero(np.diff(block, prepend=-1))
-        sums = np.add.reduceat(gradient.sum(axis=1), starts)
-        total = total + sums.T @ sums
-    sandwich = covariance @ total @ covariance
-    return np.sqrt(np.maximum(np.diag(covariance), np.diag(sandwich)))
 
 
 def _too_little(record: LevelRecord) -> str:
