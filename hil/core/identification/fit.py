@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from hil.core.identification.minimum import Minimum, Problem, noise_of, soft_l1
 from hil.core.identification.parameters import PARAMETERS, Choice, RigModel
 from hil.core.identification.records import LevelRecord
-from hil.core.identification.residuals import Whitened
+from hil.core.identification.residuals import Whitened, used_rows
 from hil.core.identification.result import Prediction
 from hil.core.identification.simulation import levels, prediction
 from hil.core.identification.starts import MISFIT, SAME, misfit, other_starts, reading_noise, size_of
@@ -207,14 +207,22 @@ def _with_noise(problem: Problem, values: Array, stage: _Stage) -> tuple[Minimum
 
 
 def _thinned(record: LevelRecord) -> LevelRecord:
-    """The record with readings in `COARSE_ROWS` rows at most, evenly spaced."""
+    """The record with readings in `COARSE_ROWS` rows at most, evenly spaced, and no row that says nothing."""
     rows = np.flatnonzero(np.isfinite(record.reading_V).any(axis=1))
-    every = -(-len(rows) // COARSE_ROWS)
-    if every <= 1:
-        return record
+    every = max(-(-len(rows) // COARSE_ROWS), 1)
     reading_V = np.full_like(record.reading_V, np.nan)
     reading_V[rows[::every]] = record.reading_V[rows[::every]]
-    return replace(record, reading_V=reading_V)
+    thin = replace(record, reading_V=reading_V)
+    is_kept = np.append(True, (np.diff(record.voltage_V, axis=0) != 0.0).any(axis=1))
+    is_kept[used_rows(thin)] = True
+    is_kept[-1] = True
+    return replace(
+        thin,
+        time_s=record.time_s[is_kept],
+        voltage_V=record.voltage_V[is_kept],
+        reading_V=reading_V[is_kept],
+        samples=None if record.samples is None else record.samples[is_kept],
+    )
 
 
 def _result(problem: Problem, minimum: Minimum, evaluations: int) -> Fit:
