@@ -127,7 +127,7 @@ def test_too_short_records_are_refused(truth: Truth, rows: int, reason: str) -> 
 
 def test_a_model_that_does_not_fit_is_refused(truth: Truth, held_out: LevelRecord) -> None:
     """A sensor that has nothing to do with its tank must not give a narrow interval around a wrong value."""
-    record = experiment(truth, experiment_plan(truth, SEED)[:8])
+    record = experiment(truth, experiment_plan(truth, SEED)[:4])
     reading_V = record.reading_V.copy()
     reading_V[:, 0] = 3.0 + 2.0 * np.sin(record.time_s / 15.0)
     found = identify([replace(record, reading_V=reading_V)], RigModel(), held_out=held_out, structures=NO_EXTENSION)

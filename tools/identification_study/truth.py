@@ -29,6 +29,9 @@ PERIOD_S = 0.02
 MEAN_OF = 5
 NS_PER_PERIOD = 20_000_000
 RULER_SD_CM = 0.1
+STIRRED_CM = 0.3
+"""Turbulence stirs only tanks with some water. The emulator also stirs empty ones, which can only add water: at 0.03
+cm3/sqrt(s) a steady 0.06 cm3/s, which no rig has, and which no model of a rig would find."""
 RULER_STREAM, PLAN_STREAM, TRUTH_STREAM = 11, 12, 13
 SATURATION_V = (0.0, 10.2375)
 
@@ -89,7 +92,7 @@ def rich_truth(seed: int) -> Truth:
     """As `basic_truth`, with dead zones, curves, datums, sensors of their own, and 2 mV of waves."""
     settings = basic_truth(seed).settings
     draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(TRUTH_STREAM,))).uniform
-    tanks = settings.tanks.model_copy(update={"datum_cm": (*draw(1.0, 5.0, 2).tolist(), *draw(0.3, 1.0, 2).tolist())})
+    tanks = settings.tanks.model_copy(update={"datum_cm": (*draw(0.5, 2.0, 2).tolist(), *draw(0.2, 0.5, 2).tolist())})
     pumps = settings.pumps.model_copy(
         update={
             "dead_zone_V": tuple(draw(0.2, 1.0, 2).tolist()),
@@ -205,7 +208,8 @@ def _raw(truth: Truth, plan: Plan, seed: int) -> tuple[Array, Array, Array]:
             paths.advance(at * NS_PER_PERIOD)
         tanks.advance(PERIOD_S, paths.flow_V, paths.effectiveness)
         if stirring is not None:
-            tanks.stir(stirring.volumes_cm3())
+            volumes_cm3 = zip(stirring.volumes_cm3(), tanks.levels_cm, strict=True)
+            tanks.stir([volume if level > STIRRED_CM else 0.0 for volume, level in volumes_cm3])
     return np.array(voltages), np.array(readings), np.array(levels)
 
 

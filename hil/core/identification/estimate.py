@@ -38,6 +38,7 @@ Flags = NDArray[np.bool_]
 
 CLIPPED_SD = 4.0
 MAX_STEPS = 12
+LAST_STEPS = 60
 FAR_STEPS = 40
 FAR_NOISE_V = 0.05
 CONVERGED_GAIN = 0.01
@@ -227,11 +228,12 @@ def minimise(
 ) -> tuple[Array, Normal, bool]:
     """Damped Gauss-Newton steps (Marquardt's) within the limits; values, the problem there, whether it has converged.
 
-    Which readings count is decided before the steps, so that costs can be compared, and again after them.
+    Which readings count is decided before the steps, so that costs can be compared, and again after them unless there
+    are to be few steps.
     """
     values = np.clip(values, problem.unknowns.low, problem.unknowns.high)
     usable = problem.usable(values, noise)
-    for _ in range(USABLE_ROUNDS):
+    for _ in range(USABLE_ROUNDS if max_steps >= MAX_STEPS else 1):
         values, normal, is_done = _steps(problem, values, noise, usable, max_steps)
         before, usable = usable, problem.usable(values, noise)
         changed = sum(int((one != other).sum()) for one, other in zip(before, usable, strict=True))
@@ -337,4 +339,6 @@ def estimate(
     if noise is None:
         known = problem.noise(values, known)
         values, normal, is_done = minimise(problem, values, known, max_steps)
+    if not is_done and max_steps >= MAX_STEPS:
+        values, normal, is_done = minimise(problem, values, known, LAST_STEPS)
     return Estimate(problem, values, covariance(normal.white, normal.besides), known, normal, is_done)

@@ -32,6 +32,8 @@ WAVE_S = (0.7, 8.0)
 TURBULENCE = (1e-6, 0.3)
 WAVE_SHARE = (1e-3, 30.0)
 WHITE_SHARE = (0.2, 1.5)
+WHITE_SD = (0.02, 0.3)
+"""How well differences of neighbouring readings give the white noise: as a share, and more for 1 s between them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,12 +229,14 @@ def estimate_noise(
     """
     noise = start
     width_s = bin_width(records, NOISE_BIN_S)
+    step_s = min(float(np.median(np.diff(record.time_s))) for record in records)
+    white_sd = WHITE_SD[0] + WHITE_SD[1] * min(step_s, 1.0)
     sides = sides_of([binned(record, width_s) for record in records], model)
     normal = [_normal(*sides[side].whitened(noise, side)) for side in (0, 1)]
     for is_new in (is_first, False):
         for side in (0, 1):
             other = normal[1 - side]
-            noise = _best_side(sides[side], side, noise, (information + other[0], score + other[1]), is_new)
+            noise = _best_side(sides[side], side, noise, (information + other[0], score + other[1]), is_new, white_sd)
             normal[side] = _normal(*sides[side].whitened(noise, side))
     return noise
 
@@ -243,7 +247,9 @@ def _normal(white: Array, logdet: float) -> tuple[Array, Array, float, float]:
     return product[1:, 1:], product[1:, 0], float(product[0, 0]), logdet
 
 
-def _best_side(data: SideData, side: int, noise: NoiseModel, others: tuple[Array, Array], is_first: bool) -> NoiseModel:
+def _best_side(
+    data: SideData, side: int, noise: NoiseModel, others: tuple[Array, Array], is_first: bool, white_sd: float
+) -> NoiseModel:
     lower, upper = SIDES[side]
 
     def with_logs(x: Array) -> NoiseModel:
@@ -263,7 +269,8 @@ def _best_side(data: SideData, side: int, noise: NoiseModel, others: tuple[Array
         factor = np.linalg.cholesky(scaled)
         half = np.linalg.solve(factor, right * scale)
         determinant = 2.0 * float(np.log(np.diag(factor)).sum())
-        return 0.5 * (square + logdet - float(half @ half) + determinant - 2.0 * float(np.log(scale).sum()))
+        away = float(x[5:] @ x[5:]) / white_sd**2
+        return 0.5 * (square + logdet - float(half @ half) + determinant - 2.0 * float(np.log(scale).sum()) + away)
 
     bounds = [(log(WAVE_SHARE[0]), log(WAVE_SHARE[1]))] * 2
     bounds += [(log(TURBULENCE[0]), log(TURBULENCE[1]))] * 2
