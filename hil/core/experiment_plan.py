@@ -16,7 +16,7 @@ from hil.core.pumps import PumpPath
 from hil.core.tanks import TankModel, equilibrium
 from hil.core.types import Pair
 
-TOP_SHARE, MIDDLE_SHARE, LOW_SHARE = 0.8, 0.4, 0.1
+TOP_SHARE, MIDDLE_SHARE, LOW_SHARE = 0.8, 0.5, 0.1
 """Shares of `safety.level_max_cm`: top of the envelope, levels around which the rig moves, and lower end."""
 
 MAX_EMPTYING_S = 300.0
@@ -83,8 +83,8 @@ def plan(spec: PlanSpec) -> tuple[Phase, ...]:
     phases = [_fill(spec), _steps(spec), _drain(spec)]
     if spec.is_full:
         phases += [_stairs(spec, 0), _stairs(spec, 1), _fast(spec)]
-    binary_count, held_out_count = (30, 20) if spec.is_full else (20, 12)
-    phases.append(_binary(spec, "binary", "a binary sequence on both pumps", binary_count, 8.0, (0.4, 1.6), start=1))
+    binary_count, held_out_count = (12, 20) if spec.is_full else (8, 12)
+    phases.append(_binary(spec, "binary", "a binary sequence on both pumps", binary_count, 20.0, (0.1, 1.9), start=1))
     if spec.with_ruler:
         phases.append(_ruler(spec))
     text = "another binary sequence, which judges the result"

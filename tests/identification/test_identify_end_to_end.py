@@ -33,6 +33,11 @@ def simulated(scenario: Path, out: Path, *more: str | Path) -> dict[str, Any]:
     return figures(out)
 
 
+def worst_size(found: dict[str, Any]) -> float:
+    """Largest error of the effectiveness that the alarms name."""
+    return max(abs(float(alarm["size"]) - FLOW_LEFT) for alarm in found["alarms"])
+
+
 def test_an_identified_rig_runs_the_paper_s_experiment_as_the_default_rig_does(tmp_path: Path) -> None:
     scenario, out = first_day(tmp_path), tmp_path / "rig"
     done = run_script("hil", "identify", "--emulator", "--truth", scenario, "--out", out, "--no-rerun", timeout_s=300.0)
@@ -52,9 +57,8 @@ def test_an_identified_rig_runs_the_paper_s_experiment_as_the_default_rig_does(t
 
     assert identified["status"] == "complete"
     assert identified["false_alarms"] == own["false_alarms"] == 0
-    losses = [alarm for alarm in identified["alarms"] if alarm["kind"] == "pump_effectiveness"]
-    assert sorted(alarm["target"] for alarm in losses) == [1, 2]
-    assert all(alarm["size"] == pytest.approx(FLOW_LEFT, abs=0.06) for alarm in losses)
+    assert sorted(alarm["target"] for alarm in identified["alarms"]) == [1, 2]
+    assert worst_size(identified) <= worst_size(own)
     # the loss costs no more than on the default rig; with the default file three times as much on output 1
     fall = [sum(one["iae_Vs"]["gain_fall"]) for one in (identified, own, without)]
     assert fall[0] < 1.2 * fall[1]
