@@ -23,7 +23,7 @@ Maker = TypeVar("Maker", bound=Callable[..., Any])
 
 
 @dataclass(frozen=True)
-class Choice(Generic[Maker]):
+class TableChoice(Generic[Maker]):
     """A row. summary : one line for people. make : what builds it. package : "" for a built-in row."""
 
     name: str
@@ -35,7 +35,7 @@ class Choice(Generic[Maker]):
 class ChoiceTable(Generic[Maker]):
     """key : the settings key that chooses, for messages. group : the entry points' group. rows : the built-in ones."""
 
-    def __init__(self, key: str, group: str, *rows: Choice[Maker]) -> None:
+    def __init__(self, key: str, group: str, *rows: TableChoice[Maker]) -> None:
         self.key = key
         self.group = group
         self._rows = {row.name: row for row in rows}
@@ -45,7 +45,7 @@ class ChoiceTable(Generic[Maker]):
         """All names: the built-in ones in the table's order, then those of installed packages."""
         return (*self._rows, *(name for name in installed(self.group) if name not in self._rows))
 
-    def find(self, name: str, where: str) -> Choice[Maker]:
+    def find(self, name: str, where: str) -> TableChoice[Maker]:
         """The row of that name. Raises SettingsError, `where` first, if there is none or its package does not load."""
         if name in self._rows:
             return self._rows[name]
@@ -59,7 +59,7 @@ class ChoiceTable(Generic[Maker]):
             raise SettingsError(
                 f"{where}: {self.key} = {name!r}: package {package}, {entry.value}: {type(error).__name__}: {error}"
             ) from None
-        return Choice(name, f"from the package {package}", make, package)
+        return TableChoice(name, f"from the package {package}", make, package)
 
 
 @cache

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from hil.bench.choice_table import Choice, ChoiceTable
+from hil.bench.choice_table import ChoiceTable, TableChoice
 from hil.core.gain_design import CalibratedDesign, GainDesign, choose_rig_design
 from hil.core.tanks import equilibrium, linearise
 from hil.edge.config.rig_file import Rig
@@ -31,6 +31,6 @@ def calibrated_design(rig: Rig) -> GainDesign:  # noqa: ARG001 - the paper's gai
 DESIGNS: ChoiceTable[DesignMaker] = ChoiceTable(
     "control.design",
     "fourtank_hil.designs",
-    Choice("rig", "eigenstructure assignment with decoupled outputs, for this rig", rig_design),
-    Choice("calibrated", "the paper's gain; for comparison, on the paper's rig only", calibrated_design),
+    TableChoice("rig", "eigenstructure assignment with decoupled outputs, for this rig", rig_design),
+    TableChoice("calibrated", "the paper's gain; for comparison, on the paper's rig only", calibrated_design),
 )

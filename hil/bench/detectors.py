@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from hil.bench.choice_table import Choice, ChoiceTable
+from hil.bench.choice_table import ChoiceTable, TableChoice
 from hil.core.diagnosis.detector import FaultDetector
 from hil.core.diagnosis.ideal import IdealDetector, NoDetector, PumpFault
 from hil.edge.config.rig_file import Rig
@@ -49,9 +49,11 @@ def no_detector(rig: Rig, scenario: Scenario) -> FaultDetector:  # noqa: ARG001 
 DETECTORS: ChoiceTable[DetectorMaker] = ChoiceTable(
     "diagnosis.method",
     "fourtank_hil.detectors",
-    Choice("glr", "generalised likelihood ratios: finds, isolates and sizes faults from the readings", glr_detector),
-    Choice(IDEAL, "is given the scenario's pump faults and reports them exactly, delay_s late", ideal_detector),
-    Choice("none", "reports nothing", no_detector),
+    TableChoice(
+        "glr", "generalised likelihood ratios: finds, isolates and sizes faults from the readings", glr_detector
+    ),
+    TableChoice(IDEAL, "is given the scenario's pump faults and reports them exactly, delay_s late", ideal_detector),
+    TableChoice("none", "reports nothing", no_detector),
 )
 
 

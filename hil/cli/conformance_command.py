@@ -17,7 +17,7 @@ from hil.edge.config.settings_file import SettingsError
 from hil.edge.host.clock import MonotonicClock, StopSignal
 from hil.edge.record.run_folder import write_atomically
 from hil.probe.bus_probe import Probe
-from hil.probe.result import Result
+from hil.probe.check_result import Result
 from hil.version import __version__
 from hil.wire.contract import Contract
 

@@ -23,7 +23,7 @@ from hil.edge.config.shipped import find_rig
 from hil.edge.host import host_facts
 from hil.edge.host.clock import MonotonicClock, StopSignal
 from hil.probe.bus_probe import Probe
-from hil.probe.result import Result, failed, has_failed, passed
+from hil.probe.check_result import Result, failed, has_failed, passed
 from hil.wire.contract import Contract
 
 COMMANDS_S = 10

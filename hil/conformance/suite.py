@@ -15,8 +15,8 @@ from hil.doctor.check_frames import check_integrity, check_period
 from hil.doctor.check_nodes import check_contract
 from hil.doctor.check_sensors import check_range
 from hil.probe.bus_probe import InterruptedByUserError, Probe, ProbeError
+from hil.probe.check_result import Result, Verdict, failed, has_failed, not_checked, passed, warned
 from hil.probe.observation import HEARTBEATS, LEVEL_FRAMES, STATUS, Observation
-from hil.probe.result import Result, Verdict, failed, has_failed, not_checked, passed, warned
 
 LISTEN_S = 5.0
 PERIOD_TOLERANCE = 0.05

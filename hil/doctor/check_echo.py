@@ -8,8 +8,8 @@ import numpy as np
 
 from hil.core.counted import counted
 from hil.probe.bus_probe import STATUS_WAIT_S, Probe
+from hil.probe.check_result import Result, failed, passed, warned
 from hil.probe.observation import STATUS
-from hil.probe.result import Result, failed, passed, warned
 
 COMMANDS = 100
 STEPS = 10

@@ -8,8 +8,8 @@ from math import sqrt
 from statistics import median
 
 from hil.core.counted import counted
+from hil.probe.check_result import Result, failed, passed, warned
 from hil.probe.observation import COMMAND, Observation
-from hil.probe.result import Result, failed, passed, warned
 from hil.wire.frame_check import Rejection
 from hil.wire.rejections import frames_rejected, other_sender, wrong_length
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hil.probe.result import Result, failed, not_checked, passed, warned
+from hil.probe.check_result import Result, failed, not_checked, passed, warned
 
 MAX_CLOCK_STEP_S = 1e-6
 MIN_LOCKED_BYTES = 512 * 2**20

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Protocol
 
-from hil.probe.result import Result, failed, not_checked, passed, warned
+from hil.probe.check_result import Result, failed, not_checked, passed, warned
 from hil.wire.rejections import lines_rejected
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from hil.core.types import NodeState
+from hil.probe.check_result import Result, failed, passed, warned
 from hil.probe.observation import HEARTBEATS, STATUS, Observation
-from hil.probe.result import Result, failed, passed, warned
 
 EXPECTED = {"pump node": NodeState.READY, "level node": NodeState.RUN}
 IN_OTHER_STATES = {

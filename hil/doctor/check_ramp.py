@@ -13,8 +13,8 @@ from hil.core.sensors import LevelSensors
 from hil.core.tanks import TankModel, level_rates, pump_matrix
 from hil.core.types import Pair, Quad
 from hil.probe.bus_probe import Probe
+from hil.probe.check_result import Result, failed, not_checked, passed, warned
 from hil.probe.observation import LEVEL_FRAMES, STATUS, Observation
-from hil.probe.result import Result, failed, not_checked, passed, warned
 
 TOP_V = 3.0
 RISE_S, HOLD_S = 0.5, 3.0

@@ -16,8 +16,8 @@ from hil.core.counted import counted
 from hil.core.sensors import LevelSensors
 from hil.core.tanks import TankModel, level_rates
 from hil.core.types import Pair, Quad
+from hil.probe.check_result import Result, failed, not_checked, passed, warned
 from hil.probe.observation import LEVEL_FRAMES, Observation
-from hil.probe.result import Result, failed, not_checked, passed, warned
 from hil.wire.receiver import CHANNEL_OK
 
 STATUS_NAMES = {1: "under range", 2: "over range", 3: "fault"}

@@ -11,8 +11,8 @@ from itertools import pairwise
 
 from hil.core.types import NodeState
 from hil.probe.bus_probe import STATUS_WAIT_S, InterruptedByUserError, Probe
+from hil.probe.check_result import Result, failed, not_checked, passed, warned
 from hil.probe.observation import STATUS, Arrival
-from hil.probe.result import Result, failed, not_checked, passed, warned
 
 WATCHDOG_S = 0.25
 TOLERANCE_S = 0.02

@@ -17,8 +17,8 @@ from hil.doctor.check_frames import check_foreign_traffic, check_frames
 from hil.doctor.check_nodes import check_nodes, is_free
 from hil.doctor.check_sensors import check_sensors
 from hil.probe.bus_probe import Probe, ProbeError
+from hil.probe.check_result import Result, failed, has_failed, not_checked
 from hil.probe.observation import STATUS, Observation
-from hil.probe.result import Result, failed, has_failed, not_checked
 
 
 @dataclass(frozen=True, slots=True)

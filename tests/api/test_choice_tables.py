@@ -6,7 +6,7 @@ import pytest
 
 import hil
 from hil.bench import choice_table
-from hil.bench.choice_table import Choice, ChoiceTable
+from hil.bench.choice_table import ChoiceTable, TableChoice
 from hil.bench.designs import DESIGNS, DesignMaker, rig_design
 from hil.bench.detectors import DETECTORS, no_detector
 from hil.edge.config.rig_file import Rig
@@ -31,7 +31,7 @@ class Weaker:
 
 def test_a_row_in_the_table_is_all_that_a_built_in_design_needs(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two files: the design's module and its row; settings check, messages and `hil.design` follow."""
-    monkeypatch.setitem(DESIGNS._rows, "weaker", Choice("weaker", "for this test", Weaker))
+    monkeypatch.setitem(DESIGNS._rows, "weaker", TableChoice("weaker", "for this test", Weaker))
     assert hil.load("paper", design="weaker").scenario.control.design == "weaker"
     assert hil.design("weaker").noise_gain == pytest.approx(0.8 * hil.design("rig").noise_gain)
     with pytest.raises(hil.SettingsError, match="must be one of rig, calibrated, weaker"):
@@ -39,7 +39,7 @@ def test_a_row_in_the_table_is_all_that_a_built_in_design_needs(monkeypatch: pyt
 
 
 def test_a_row_in_the_table_is_all_that_a_built_in_detector_needs(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(DETECTORS._rows, "silent", Choice("silent", "for this test", no_detector))
+    monkeypatch.setitem(DETECTORS._rows, "silent", TableChoice("silent", "for this test", no_detector))
     assert hil.load("paper", detector="silent").scenario.diagnosis.method == "silent"
     with pytest.raises(hil.SettingsError, match="must be one of glr, ideal, none, silent"):
         hil.load("paper", detector="loud")
@@ -53,7 +53,7 @@ def table(monkeypatch: pytest.MonkeyPatch) -> ChoiceTable[DesignMaker]:
         "broken": EntryPoint("broken", "no_such_module:make", "g"),
     }
     monkeypatch.setattr(choice_table, "installed", lambda _: entries)
-    return ChoiceTable("control.design", "g", Choice("rig", "built in", rig_design))
+    return ChoiceTable("control.design", "g", TableChoice("rig", "built in", rig_design))
 
 
 def test_an_installed_name_is_listed_and_loaded(table: ChoiceTable[DesignMaker]) -> None:

@@ -23,7 +23,7 @@ from hil.doctor.examination import examine
 from hil.edge.can.bus import BusPort
 from hil.edge.config.rig_file import load_rig
 from hil.probe.bus_probe import Probe
-from hil.probe.result import Result
+from hil.probe.check_result import Result
 from hil.wire.contract import Contract
 from hil.wire.frame_check import Frame
 

@@ -22,7 +22,7 @@ from firmware_sim.frames import (
 from firmware_sim.pump_node import PumpNode
 from hil.conformance.suite import Plan, run_suite
 from hil.core.types import Pair
-from hil.probe.result import Result, Verdict
+from hil.probe.check_result import Result, Verdict
 from tests.doctor.doctor_bench import BOOTED_NS, RIG, LockstepBench
 
 

@@ -12,7 +12,7 @@ from firmware_sim.rig import Rig
 from hil.doctor.check_link import check_lines
 from hil.doctor.examination import examine
 from hil.probe.bus_probe import InterruptedByUserError
-from hil.probe.result import Verdict
+from hil.probe.check_result import Verdict
 from hil.wire.frame_check import Frame
 from tests.doctor.doctor_bench import WANTS, LockstepBench, contract, examined, fault
 

@@ -11,7 +11,7 @@ from firmware_sim.frames import NodeState
 from firmware_sim.pump_node import PumpNode
 from hil.conformance import suite
 from hil.probe.bus_probe import InterruptedByUserError
-from hil.probe.result import Result, Verdict
+from hil.probe.check_result import Result, Verdict
 from hil.wire.frame_check import Frame
 from tests.doctor import nodes_bench as nodes
 from tests.doctor.doctor_bench import RIG, LockstepBench, contract, fault
@@ -223,7 +223,7 @@ def test_an_unknown_sender_ends_the_check_with_one_command_of_zero(monkeypatch: 
 def test_json_is_what_the_table_says(tmp_path: Path) -> None:
     from hil.cli.conformance_command import ConformanceOptions, _write
     from hil.edge.can.bus import BusAddress
-    from hil.probe.result import failed, passed
+    from hil.probe.check_result import failed, passed
 
     file = tmp_path / "node.json"
     results = [passed("one", "1 V"), failed("two", "2 V", "fix it")]

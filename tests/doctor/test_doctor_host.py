@@ -12,7 +12,7 @@ from hil.cli.doctor_command import kernel_link
 from hil.doctor.check_host import HostFacts, check_host
 from hil.doctor.check_link import check_link
 from hil.edge.host import host_facts
-from hil.probe.result import Result, Verdict
+from hil.probe.check_result import Result, Verdict
 
 PASS, WARN, FAIL, NOT_CHECKED = Verdict.PASS, Verdict.WARN, Verdict.FAIL, Verdict.NOT_CHECKED
 MIB, GIB = 2**20, 2**30

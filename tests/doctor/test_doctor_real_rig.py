@@ -6,7 +6,7 @@ import pytest
 
 from hil.cli.doctor_command import expectations
 from hil.doctor.examination import examine
-from hil.probe.result import Result, Verdict
+from hil.probe.check_result import Result, Verdict
 from tests.doctor.doctor_bench import LockstepBench
 from tests.real_rig import EMULATOR, real_rig
 

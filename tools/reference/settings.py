@@ -17,7 +17,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from firmware_sim.settings import EmulatorSettings
-from hil.bench.choice_table import Choice, ChoiceTable
+from hil.bench.choice_table import ChoiceTable, TableChoice
 from hil.bench.designs import DESIGNS
 from hil.bench.detectors import DETECTORS
 from hil.campaigns.spec import Spec
@@ -141,7 +141,7 @@ def range_of_key(key: Key) -> str:
     return ", ".join(code(f'"{row.name}"') for row in _built_in(choices)) + ", or an installed one"
 
 
-def _built_in(choices: ChoiceTable[Any]) -> list[Choice[Any]]:
+def _built_in(choices: ChoiceTable[Any]) -> list[TableChoice[Any]]:
     rows = [choices.find(name, choices.key) for name in choices.names]
     return [row for row in rows if not row.package]
 

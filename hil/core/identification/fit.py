@@ -20,10 +20,10 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.core.identification.minimum import Minimum, Problem, noise_of, soft_l1
+from hil.core.identification.minimum import LeastSquares, Minimum, noise_of, soft_l1
 from hil.core.identification.parameters import PARAMETERS, Choice, RigModel
 from hil.core.identification.records import LevelRecord
-from hil.core.identification.residuals import Whitened, used_rows
+from hil.core.identification.residuals import WhiteResiduals, used_rows
 from hil.core.identification.result import Prediction
 from hil.core.identification.simulation import levels, prediction
 from hil.core.identification.starts import MISFIT, SAME, misfit, other_starts, reading_noise, size_of
@@ -49,7 +49,7 @@ class RecordFit:
 
     name: str
     time_s: Array
-    whitened: Whitened
+    whitened: WhiteResiduals
     weight: Array
     ruler_weight: Array
     initial_cm: Quad
@@ -150,7 +150,7 @@ def fit(
     wanted = unknowns(records, start, choices or {}, limits)
     if not wanted.names:
         raise ValueError("nothing to fit: all parameters are fixed and all initial levels known")
-    coarse = Problem(tuple(_thinned(record) for record in records), start, wanted, start.noise_V, outlier_sd)
+    coarse = LeastSquares(tuple(_thinned(record) for record in records), start, wanted, start.noise_V, outlier_sd)
     minimum, problem, count = _from_afar(coarse, starts)
     minimum, problem, more = _with_noise(replace(problem, records=records), minimum.values, FINE)
     return _result(problem, minimum, count + more)
@@ -171,7 +171,7 @@ def fit_initial(model: RigModel, record: LevelRecord, until_s: float | None = No
     return fit((record,), model, fixed).records[0].initial_cm
 
 
-def _from_afar(problem: Problem, starts: int) -> tuple[Minimum, Problem, int]:
+def _from_afar(problem: LeastSquares, starts: int) -> tuple[Minimum, LeastSquares, int]:
     """The best minimum of several starts, with the noise there; only the first start where it fits the readings."""
     noise_V = reading_noise(problem.records)
     best, count, size = None, 0, inf
@@ -189,7 +189,7 @@ def _from_afar(problem: Problem, starts: int) -> tuple[Minimum, Problem, int]:
     return (*best, count)
 
 
-def _with_noise(problem: Problem, values: Array, stage: _Stage) -> tuple[Minimum, Problem, int]:
+def _with_noise(problem: LeastSquares, values: Array, stage: _Stage) -> tuple[Minimum, LeastSquares, int]:
     """Minimise, with the noise estimated from the residuals; again until the noise stays."""
     count = 0
     minimum: Minimum | None = None
@@ -225,7 +225,7 @@ def _thinned(record: LevelRecord) -> LevelRecord:
     )
 
 
-def _result(problem: Problem, minimum: Minimum, evaluations: int) -> Fit:
+def _result(problem: LeastSquares, minimum: Minimum, evaluations: int) -> Fit:
     wanted, values = problem.unknowns, minimum.values
     model = replace(wanted.model(problem.start, values), noise_V=problem.noise_V)
     bend2 = problem.outlier_sd**2

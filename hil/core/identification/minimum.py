@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 
 from hil.core.identification.parameters import RigModel
 from hil.core.identification.records import LevelRecord
-from hil.core.identification.residuals import Whitened, used_rows, whitened
+from hil.core.identification.residuals import WhiteResiduals, used_rows, whitened
 from hil.core.identification.simulation import Simulated, levels
 from hil.core.identification.unknowns import Unknowns
 from hil.core.types import Quad
@@ -39,7 +39,7 @@ def soft_l1(z: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class LeastSquares:
     """Records, the rig they start from, the unknowns and the noise that whitens the residuals."""
 
     records: tuple[LevelRecord, ...]
@@ -61,7 +61,7 @@ class Problem:
             for at, record in enumerate(self.records)
         ]
 
-    def whitened(self, values: Array) -> list[Whitened]:
+    def whitened(self, values: Array) -> list[WhiteResiduals]:
         """The residuals of each record at these values (p,)."""
         model, wanted = self.unknowns.model(self.start, values), self.unknowns
         return [
@@ -131,7 +131,7 @@ class Minimum:
     message: str
 
 
-def noise_of(problem: Problem, values: Array, is_pooled: bool) -> Quad:
+def noise_of(problem: LeastSquares, values: Array, is_pooled: bool) -> Quad:
     """(4,) scale of the residuals of each sensor, per single reading; of a sensor without readings what it was."""
     found = problem.whitened(values)
     residuals = [
@@ -145,7 +145,7 @@ def noise_of(problem: Problem, values: Array, is_pooled: bool) -> Quad:
     return n1, n2, n3, n4
 
 
-def _inside(found: Whitened, record: LevelRecord, sensor: int) -> Array:
+def _inside(found: WhiteResiduals, record: LevelRecord, sensor: int) -> Array:
     """Residuals of a sensor's readings that are not saturated."""
     low_V, high_V = record.ends
     reading_V = record.reading_V[found.rows, sensor]

@@ -30,7 +30,7 @@ Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class Whitened:
+class WhiteResiduals:
     """Residuals of one record and their derivatives by p columns; 0 where nothing was measured.
 
     rows : (r,) rows of the record that these are. residual : (r, 4). jacobian : (r, 4, p). is_used : (r, 4).
@@ -73,7 +73,7 @@ def whitened(
     noise_V: Quad,
     columns: Sequence[int],
     names: Sequence[str],
-) -> Whitened:
+) -> WhiteResiduals:
     """The residuals of a record in the rows of the simulation's derivatives, with as many columns as there are names.
 
     names : of all columns, those of the sensors' parameters among them. columns : where the derivatives that the
@@ -96,7 +96,7 @@ def whitened(
             i = int(name[-1]) - 1
             jacobian[:, i, position] = factor[:, i] * (level_cm[:, i] if name.startswith("sensor_gain") else 1.0)
     ruler_residual, ruler_jacobian = _ruler(record, simulated, columns, width)
-    return Whitened(rows, residual, jacobian, is_used, ruler_residual, ruler_jacobian)
+    return WhiteResiduals(rows, residual, jacobian, is_used, ruler_residual, ruler_jacobian)
 
 
 def _saturate(
