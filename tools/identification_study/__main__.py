@@ -35,7 +35,7 @@ from tools.identification_study.truth import (
 from tools.identification_study.wire import wire_records
 
 RIGS = ("johansson_minus", "johansson_plus", "decenter2021")
-RULER = ((185.0, 1), (185.0, 3), (70.0, 0), (70.0, 3), (245.0, 0), (245.0, 1), (245.0, 2), (245.0, 3))
+RULER = ((69.0, 0), (69.0, 3), (189.0, 1), (189.0, 2), (249.0, 0), (249.0, 1), (249.0, 2), (249.0, 3))
 HELD_OUT_SEED = 100_000
 STRUCTURES = {"basic": (), "rich": ("dead_zone", "curve", "datum", "sensor_gain", "sensor_offset")}
 
