@@ -19,7 +19,7 @@ from hil.edge.config.identified_rig import IdentifiedRig, identified_rig
 from hil.edge.config.rig_file import Rig, load_rig
 from hil.edge.config.rig_file_writer import read_rig_text, replace_rig_file
 from hil.edge.config.settings_file import SettingsError
-from hil.edge.record.run_folder import write_atomically
+from hil.edge.record.run_folder import write_atomically, writing
 from hil.review.identification_json import as_json
 from hil.review.identification_recording import card_text, write_recording
 from hil.review.identification_report import ReportFacts, render
@@ -83,6 +83,10 @@ def write_result(
     )
     if found is not None:
         write_atomically(out / RIG_NAME, found.text)
+    else:
+        with writing(out / RIG_NAME):  # of an earlier identification into the same folder
+            (out / RIG_NAME).unlink(missing_ok=True)
+            (out / RECORDING_NAME).unlink(missing_ok=True)
     text = as_json(identification, duration_s, notes, trouble)
     write_atomically(paths.json, text.encode("utf-8", "backslashreplace"))  # names of files may be no UTF-8
     operating_V = load_rig(rig_path).control.operating_point_V

@@ -40,6 +40,12 @@ def render(identification: Identification, facts: ReportFacts) -> str:
     }
     fixed = [text for one, text in said.items() if one.status == "fixed"]
     title = f"{counted(len(fixed), 'parameter', 'parameters')} not estimated"
+    if identification.refusal:
+        body = _header(identification, facts) + page.section(
+            "What the records do not tell",
+            _undetermined(identification) + page.bullets([text for one, text in said.items() if one.status != "fixed"]),
+        )
+        return page.document(f"Identification: {facts.rig_name}", body + _rig_file(identification, facts))
     body = "".join(
         (
             _header(identification, facts),
@@ -64,15 +70,16 @@ def _header(identification: Identification, facts: ReportFacts) -> str:
     held_out = [one.name for one in identification.predictions if one.is_held_out]
     pairs = [
         ("started from", facts.rig_name),
-        ("records", f"{facts.duration_s / 60.0:.1f} min"),
-        ("structure", structure_words(identification)),
-        ("fitted to", ", ".join(trained) or "none"),
-        ("held out", ", ".join(held_out) or "none"),
+        ("records", f"{facts.duration_s / 60.0:.1f} min" if facts.duration_s > 0.0 else ""),
+        ("structure", "" if identification.refusal else structure_words(identification)),
+        ("fitted to", ", ".join(trained)),
+        ("held out", ", ".join(held_out)),
     ]
     state = "failed" if identification.refusal else "stopped" if _is_open(identification) else "complete"
     words = {"failed": "refused", "stopped": "not all identifiable", "complete": "identified"}[state]
     why = f'<p class="ERROR">{page.escape(identification.refusal)}</p>' if identification.refusal else ""
-    return f"<header><h1>Identification{page.badge(state, words)}</h1>{why}{page.facts(pairs)}</header>\n"
+    known = page.facts([(name, text) for name, text in pairs if text])
+    return f"<header><h1>Identification{page.badge(state, words)}</h1>{why}{known}</header>\n"
 
 
 def _is_open(identification: Identification) -> bool:
@@ -171,7 +178,7 @@ def _record_figures(identification: Identification) -> list[tuple[str, str, str]
 
 def _rig_file(identification: Identification, facts: ReportFacts) -> str:
     if identification.refusal:
-        return page.paragraphs(["No rig file was written."])
+        return page.paragraphs([f"No rig file was written; {facts.rig_name} stays as it is."])
     parts = page.paragraphs(list(facts.notes))
     if facts.trouble:
         parts = f'<p class="ERROR">No run can use the identified file: {page.escape(facts.trouble)}</p>' + parts

@@ -17,11 +17,6 @@ EXTENSION_WORDS = {
     "sensor_offset": "offsets of the sensors",
     "overflow": "overflow that falls into the tank below",
 }
-STATUS_WORDS = {
-    "identified": "identified",
-    "fixed": "fixed",
-    "not identifiable": "not identifiable",
-}
 
 
 def structure_words(identification: Identification) -> str:
@@ -40,10 +35,11 @@ def sentence(parameter: FittedParameter, found: Mapping[str, FittedParameter], v
         same = "as in the file" if parameter.value == parameter.was else f"the file said {_with_unit(parameter, True)}"
         return f"{_capital(row.meaning)}: {_with_unit(parameter)}, {same}; not estimated."
     if parameter.status == "not identifiable":
-        return (
-            f"{_capital(row.meaning)}: the records do not determine it on its own. The file keeps a value of "
-            f"{_with_unit(parameter)} that fits them together with the others."
-        )
+        value = _with_unit(parameter)
+        kept = f"It stays {value}, as in the file."
+        if parameter.value != parameter.was:
+            kept = f"The file has a value of {value} that fits them together with the others."
+        return f"{_capital(row.meaning)}: the records do not determine it on its own. {kept}"
     text = _SENTENCES[row.group](parameter, row.index + 1)
     if row.group == "k":
         text += _flow(row.index + 1, found, voltage_V)

@@ -131,6 +131,8 @@ def test_the_report_says_in_words_what_the_records_do_not_tell() -> None:
     assert "read the level of tank 1 by a ruler" in text
     assert "not all identifiable" in text
     assert text.count("the records do not determine it on its own") == 4
+    assert "for 1 V: the records do not determine it on its own. The file has a value of 3.057 cm3/Vs" in text
+    assert "It stays 0.5 V/cm, as in the file." in text
 
 
 def test_hostile_names_of_rig_file_and_records(tmp_path: Path) -> None:
@@ -152,10 +154,15 @@ def test_hostile_names_of_rig_file_and_records(tmp_path: Path) -> None:
 
 
 def test_a_refusal_leaves_the_reason_and_no_rig_file(rig_path: Path, out: Path) -> None:
+    """The rig file of an earlier identification into the same folder once stayed there, beside the refusal."""
+    write_result(without_records(), rig_path, out)
     found = identification(refusal="pump 2 was never moved", predictions=(), parameters=(), predictions_before=())
     result = write_result(found, rig_path, out)
     assert sorted(path.name for path in out.iterdir()) == ["identification.json", "report.html"]
-    assert "pump 2 was never moved" in (out / "report.html").read_text()
+    report = (out / "report.html").read_text()
+    assert "pump 2 was never moved" in report
+    assert "No rig file was written; rig.toml stays as it is." in report
+    assert "held-out error" not in report
     assert json.loads((out / "identification.json").read_text())["refusal"] == "pump 2 was never moved"
     with pytest.raises(NotReplacedError, match="pump 2 was never moved"):
         replace_rig(result, rig_path, NOW)
