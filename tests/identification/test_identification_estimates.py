@@ -185,3 +185,28 @@ def test_two_records_of_one_name_are_refused() -> None:
     record = LevelRecord("twice", np.array([0.0, 1.0]), np.ones((2, 2)), np.ones((2, 4)))
     with pytest.raises(ValueError, match="each needs a name of its own"):
         fit([record, record], START)
+
+
+def test_a_record_without_a_voltage_is_refused_with_its_time() -> None:
+    voltage_V = np.ones((3, 2))
+    voltage_V[1, 0] = np.nan
+    record = LevelRecord("gap", np.array([0.0, 0.5, 1.0]), voltage_V, np.ones((3, 4)))
+    with pytest.raises(ValueError, match=r"record 'gap': no voltage at 0.5 s"):
+        fit([record], START)
+
+
+def test_a_start_beyond_the_limits_is_moved_to_the_nearest() -> None:
+    """A rig file may have a lag of 0, from which a fit can't start."""
+    found = fit([record_of(TRUTH, moving(16), 0.1, INITIAL)], replace(START, lag_s=(0.0, 0.0)))
+    assert found["lag1"] == pytest.approx(0.15, abs=0.01)
+    with pytest.raises(ValueError, match="k1 = 0 cm3/Vs: a parameter that is not fixed must be above 0"):
+        fit([record_of(TRUTH, moving(16), 0.1, INITIAL)], with_values(START, {"k1": 0.0}))
+
+
+def test_the_share_of_an_overflow_that_falls_into_the_tank_below_is_found() -> None:
+    low_rims = replace(TRUTH.tanks, height_cm=(20.0, 20.0, 1.5, 2.0))
+    truth = replace(TRUTH, tanks=low_rims, overflow_to_lower=(0.3, 0.8))
+    record = record_of(truth, steps(17, 150.0, 0.1, low_V=2.0, high_V=6.0, hold_s=10.0), 0.1, INITIAL)
+    found = fit([record], replace(START, tanks=replace(START.tanks, height_cm=low_rims.height_cm)), {"overflow": FREE})
+    assert found.model.overflow_to_lower == pytest.approx((0.3, 0.8), abs=0.02)
+    assert np.abs(off_by_sd(found, truth)).max() < 4.0

@@ -108,8 +108,13 @@ def unknowns(
 ) -> Unknowns:
     """The unknowns for these records. limits : in place of `LIMITS`, for groups or single parameters.
 
-    Raises ValueError for two records of the same name, an unknown key, or a start beyond its limits.
+    A start beyond its limits is moved to the nearest one. Raises ValueError for two records of the same name, a record
+    with a voltage that is no number, an unknown key, or a gain or outlet of 0, which has no limits.
     """
+    for record in records:
+        missing = ~np.isfinite(record.voltage_V).all(axis=1)
+        if missing.any():
+            raise ValueError(f"record {record.name!r}: no voltage at {record.time_s[missing][0]:g} s")
     if len({record.name for record in records}) != len(records):
         raise ValueError(f"records {[record.name for record in records]}: each needs a name of its own")
     if not records:
@@ -122,8 +127,9 @@ def unknowns(
     for row in rows:
         value, choice = values[row.name], chosen[row.name]
         ends = own.get(row.name, own.get(row.group, (value / FACTOR, value * FACTOR)))
-        if not ends[0] <= value <= ends[1]:
-            raise ValueError(f"{row.name} starts at {value:g} {row.unit}, outside of {ends[0]:g} to {ends[1]:g}")
+        if not ends[0] < ends[1]:
+            raise ValueError(f"{row.name} = {value:g} {row.unit}: a parameter that is not fixed must be above 0")
+        value = min(max(value, ends[0]), ends[1])
         columns.append((row.name, value, ends, SCALES.get(row.group, abs(value)), choice.sd or inf))
     dynamic = tuple((row.name, at) for at, row in enumerate(rows) if not row.group.startswith("sensor"))
     places, initial = [], []
