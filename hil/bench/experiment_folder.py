@@ -97,6 +97,18 @@ class ExperimentFolder:
             )
 
 
+def recorded_runs(path: Path) -> tuple[Path, ...]:
+    """The run folders of an experiment's recorded phases; of any other folder itself. Raises ExperimentFolderError."""
+    plan_path = path / PLAN
+    if not plan_path.is_file():
+        return (path,)
+    try:
+        names = tuple(str(name) for name in json.loads(plan_path.read_text(encoding="utf-8"))["phases"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ExperimentFolderError(f"{plan_path} can't be read: {error}") from error
+    return ExperimentFolder(path, names).runs()
+
+
 def make_folder(path: Path) -> None:
     """The folder for a result, if it is not there. Raises ExperimentFolderError."""
     try:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from firmware_sim import settings as emulator_settings
 from firmware_sim.rig import Rig as Emulator
 from hil.bench.assembly import load_contract
+from hil.bench.experiment_folder import recorded_runs
 from hil.bench.experiment_run import ExperimentBench
 from hil.bench.ruler import read_readings
 from hil.core.identification.parameters import RigModel
@@ -82,12 +84,18 @@ def rig_model(rig: Rig) -> RigModel:
 def records_of(paths: tuple[Path, ...]) -> tuple[tuple[LevelRecord, ...], tuple[LevelRecord, ...]]:
     """The records of run folders: those to fit, and those that an experiment has held out.
 
-    Raises RunFolderError when a folder can't be used.
+    paths : of runs, and of experiments, which stand for their recorded phases. Raises RunFolderError when a folder
+    can't be used.
     """
     fitted: list[LevelRecord] = []
     held_out: list[LevelRecord] = []
-    for path in paths:
+    found = [run for path in paths for run in recorded_runs(path)]
+    runs = list({run.resolve(): run for run in found}.values())
+    names = [run.name for run in runs]
+    for path in runs:
         record = record_of_folder(path, read_readings(path))
+        if names.count(path.name) > 1:  # of two experiments, for example
+            record = replace(record, name=str(path))
         experiment = RunFolder.open(path).manifest().plan.settings.get("experiment", {})
         (held_out if experiment.get("is_held_out") else fitted).append(record)
     if not fitted:
