@@ -40,7 +40,7 @@ class PumpsMoveError(HilError):
     """A pump runs, or another program commands the pump node."""
 
 
-class Dialogue(Protocol):
+class CalibrationDialogue(Protocol):
     """The user."""
 
     def say(self, text: str) -> None:
@@ -72,7 +72,7 @@ class Session:
 
     probe: Probe
     facts: SensorFacts
-    dialogue: Dialogue
+    dialogue: CalibrationDialogue
     on_point: Callable[[Sequence[LevelPoint]], None] = lambda _: None
     points: list[LevelPoint] = field(default_factory=list)
     _means_at: dict[int, tuple[float, Quad]] = field(default_factory=dict)

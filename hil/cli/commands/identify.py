@@ -90,12 +90,12 @@ def identify(
     at 0 V. Ctrl-C ends it at any time; the same command with the same --out then goes on. Stay beside the rig.
     """
     if check:
-        from hil.cli import identify_check
+        from hil.cli import file_check
         from hil.edge.config.shipped import find_rig
 
         rig_path = find_rig(rig, config) if rig is not None else None if config is None else config / "rig.toml"
         with interruptible():
-            raise typer.Exit(identify_check.run(Console(), tuple(runs or ()), rig_path, limit, out))
+            raise typer.Exit(file_check.run(Console(), tuple(runs or ()), rig_path, limit, out))
     from hil.cli import identify_command as identification
 
     options = identification.IdentifyOptions(
