@@ -15,7 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hil.bench import ruler
 from hil.core.experiment import Phase
+from hil.core.experiment_plan import RULER
 from hil.edge.record.run_folder import RunFolder, RunFolderError, write_atomically
 
 FORMAT = 1
@@ -63,7 +65,9 @@ class ExperimentFolder:
 
     def recorded(self, phase: str) -> Path | None:
         """The run folder of a phase that is recorded, or None."""
-        return next((path for path in self._tries(phase) if is_recorded(path)), None)
+        needs_levels = phase == RULER
+        tries = (path for path in self._tries(phase) if is_recorded(path))
+        return next((path for path in tries if not needs_levels or (path / ruler.FILE).is_file()), None)
 
     def new_path(self, phase: str) -> Path:
         """Where the next try of a phase is recorded."""

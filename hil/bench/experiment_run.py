@@ -17,9 +17,9 @@ from firmware_sim.ports import BusPort as EmulatorPort
 from firmware_sim.rig import Rig as Emulator
 from hil import lockstep, runtime
 from hil.bench.assembly import safety_limits
-from hil.bench.experiment_folder import ExperimentFolder, is_recorded
+from hil.bench.experiment_folder import ExperimentFolder
 from hil.bench.open_record import TimelineSettings, open_record
-from hil.bench.ruler import Ruler, RulerWatch, write_readings
+from hil.bench.ruler import Ruler, RulerWatch
 from hil.bench.run_record import RunRecord, figures_of, removed_if_not_opened
 from hil.core.controller import Output
 from hil.core.experiment import Phase
@@ -143,7 +143,7 @@ def run_experiment(
             continue
         path = folder.new_path(phase.name)
         outcome = stage.run(bench, phase, path, options)
-        if outcome.status != "complete" or not is_recorded(path):
+        if outcome.status != "complete" or folder.recorded(phase.name) is None:
             raise Aborted(phase, outcome, path)
     return folder
 
@@ -229,7 +229,7 @@ class EmulatedStage:
             )
         self._start_ns = emulator.now_ns + PAUSE_NS
         figures_of(folder, recorder, record.outcome)
-        write_readings(path, watch.readings)
+        watch.write(path)
         return record.outcome
 
     def _progress(self, start_ns: int, period_s: float) -> Callable[[int], None] | None:
@@ -268,7 +268,7 @@ class LiveStage:
                 lambda: stop.received.name if stop.received else "",
             )
         figures_of(folder, recorder, record.outcome)
-        write_readings(path, watch.readings)
+        watch.write(path)
         return record.outcome
 
 

@@ -49,6 +49,11 @@ class RulerWatch:
         self._is_asked = False
         self.readings: list[RulerReading] = []
 
+    def write(self, folder: Path) -> None:
+        """Keep the readings in a run folder if levels were asked for. Raises IncompleteRecordError."""
+        if self._is_asked:
+            write_readings(folder, self.readings)
+
     def see(self, inputs: Inputs, output: Output, mode: Mode) -> None:
         """One step of the loop."""
         del inputs, mode
@@ -121,9 +126,7 @@ def read_readings(folder: Path) -> tuple[RulerReading, ...]:
 
 
 def write_readings(folder: Path, readings: Sequence[RulerReading]) -> None:
-    """Keep readings in a run folder; without any nothing is written. Raises IncompleteRecordError."""
-    if not readings:
-        return
+    """Keep readings in a run folder, also that there are none. Raises IncompleteRecordError."""
     lines = [f"{r.time_s:.3f},{r.tank + 1},{r.level_cm:.4f},{r.sd_cm:g}" for r in readings]
     with writing(folder / FILE):
         (folder / FILE).write_text("\n".join([HEADER, *lines]) + "\n", encoding="utf-8")

@@ -170,6 +170,19 @@ def test_the_ruler_is_read_in_its_phase_and_kept_beside_the_record(tmp_path: Pat
     assert all(reading.sd_cm == 0.1 and reading.level_cm > 0.0 for reading in readings)
 
 
+def test_a_ruler_phase_whose_levels_were_lost_is_not_recorded(tmp_path: Path) -> None:
+    emulator = rig()
+    options = ExperimentOptions(minutes=0.4, rerun=False, with_ruler=True)
+    stage = EmulatedStage(emulator, 1, GivenRuler([]))
+    folder = run_experiment(BENCH, options, stage, tmp_path / "x", Asked(emulator))
+    assert folder is not None
+    path = folder.recorded("ruler")
+    assert path is not None, "nobody has read a level: that is an answer, too"
+    assert read_readings(path) == ()
+    (path / "ruler.csv").unlink()
+    assert folder.recorded("ruler") is None
+
+
 def test_given_levels_are_those_of_the_moment_at_which_the_phase_asks(tmp_path: Path) -> None:
     emulator = rig()
     options = ExperimentOptions(minutes=0.4, rerun=False, with_ruler=True)
