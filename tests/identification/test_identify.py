@@ -134,6 +134,13 @@ def test_a_model_that_does_not_fit_is_refused(truth: Truth, held_out: LevelRecor
     assert "does not fit" in found.refusal or "converge" in found.refusal
 
 
+def test_swapped_sensors_are_refused(truth: Truth, held_out: LevelRecord) -> None:
+    record = experiment(truth, experiment_plan(truth, SEED)[:4])
+    swapped = replace(record, reading_V=record.reading_V[:, [1, 0, 2, 3]])
+    found = identify([swapped], RigModel(), held_out=held_out, structures=NO_EXTENSION)
+    assert "does not fit" in found.refusal or "converge" in found.refusal
+
+
 def test_unknown_names_are_errors(truth: Truth) -> None:
     record = experiment(truth, [(30.0, 3.0, 3.0)])
     with pytest.raises(ValueError, match="structure 'curl'"):

@@ -1,5 +1,7 @@
 """Directions that the data do not determine, from sensitivities made by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -53,6 +55,15 @@ def test_an_idle_pump_is_named() -> None:
     told = identifiability(np.zeros((1, 1)), np.zeros((1, 1)), ("k2",), (3.3,))
     (direction,) = described(told, [one], [np.full((3, 4), 10.0)])
     assert direction.text == "pump 2 never moved: k2 is not determined: a record is needed in which it moves"
+
+
+def test_tanks_without_readings_are_named() -> None:
+    one = record()
+    reading_V = one.reading_V.copy()
+    reading_V[:, 1] = np.nan
+    told = identifiability(np.zeros((1, 1)), np.zeros((1, 1)), ("a2",), (0.06,))
+    (direction,) = described(told, [replace(one, reading_V=reading_V)], [np.full((3, 4), 10.0)])
+    assert direction.text.startswith("tank 2 without readings: a2 is not determined")
 
 
 def test_names_in_a_sentence() -> None:

@@ -32,6 +32,7 @@ WAVE_S = (0.7, 8.0)
 TURBULENCE = (1e-6, 0.3)
 WAVE_SHARE = (1e-3, 30.0)
 WHITE_SHARE = (0.2, 1.5)
+HOPELESS = 1e30
 WHITE_SD = (0.02, 0.3)
 """How well differences of neighbouring readings give the white noise: as a share, and more for 1 s between them."""
 
@@ -266,7 +267,12 @@ def _best_side(
         total, right = information + others[0], score + others[1]
         scale = 1.0 / np.sqrt(np.maximum(np.diag(total), 1e-30))
         scaled = total * scale[:, None] * scale + 1e-10 * np.eye(len(scale))
-        factor = np.linalg.cholesky(scaled)
+        if not np.isfinite(scaled).all():
+            return HOPELESS
+        try:
+            factor = np.linalg.cholesky(scaled)
+        except np.linalg.LinAlgError:
+            return HOPELESS
         half = np.linalg.solve(factor, right * scale)
         determinant = 2.0 * float(np.log(np.diag(factor)).sum())
         away = float(x[5:] @ x[5:]) / white_sd**2

@@ -139,6 +139,9 @@ def _text(names: Sequence[str], records: Sequence[LevelRecord], levels_cm: Seque
         return f"neither pump moved: {together}: a record is needed in which each pump steps between several voltages"
     if idle and pumps and set(pumps) <= set(idle) | set(pumps) and idle[0] in pumps:
         return f"pump {idle[0] + 1} never moved: {together}: a record is needed in which it moves"
+    blind = [f"tank {tank + 1}" for tank in range(4) if not any(_has_readings(record, tank) for record in records)]
+    if blind:
+        return f"{listed(blind)} without readings: {together}: a record is needed with readings of all tanks"
     if "sensor_gain" in groups:
         sides = sorted({BY_NAME[name].index % 2 for name in names if BY_NAME[name].group == "sensor_gain"})
         where = "one tank on each side" if len(sides) == 2 else f"tank {sides[0] + 1} or {sides[0] + 3}"
@@ -160,6 +163,10 @@ def _text(names: Sequence[str], records: Sequence[LevelRecord], levels_cm: Seque
     if groups & {"lag", "delay"}:
         return f"{together}: a record is needed with more steps of the voltage"
     return f"{together}: a longer record is needed, with larger movements of both pumps"
+
+
+def _has_readings(record: LevelRecord, tank: int) -> bool:
+    return bool(np.isfinite(record.reading_V[:, tank]).any())
 
 
 def moves(records: Sequence[LevelRecord], pump: int) -> bool:

@@ -63,11 +63,12 @@ class Judgement:
         if not len(self.residual_V):
             return inf
         away = self.residual_V - other.residual_V
-        return max(
+        shares = [
             float(np.sqrt(np.mean(column**2))) / sd_V
             for column, sd_V in zip([c[np.isfinite(c)] for c in away.T], noise.noise_V, strict=True)
             if len(column)
-        )
+        ]
+        return max(shares, default=inf)
 
 
 def judged(found: Estimate, records: Sequence[LevelRecord], noise: NoiseModel) -> Judgement:
