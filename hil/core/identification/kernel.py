@@ -34,7 +34,7 @@ from hil.core.identification.pump_kernel import (
     OUTLET,
     OVERFLOW,
     SPLIT,
-    PumpStates,
+    Pumps,
     follow_both,
     rest,
     take_arrived,
@@ -242,7 +242,7 @@ def longest_step(theta: Array, geometry: Geometry) -> float:
 def advance(
     theta: Array,
     geometry: Geometry,
-    pumps: PumpStates,
+    pumps: Pumps,
     level_cm: Array,
     s: Array,
     column: Ints,
