@@ -36,7 +36,7 @@ RULER = "ruler"
 SPREAD, GOLDEN = 0.03, 0.6180339887498949
 """By how much voltages differ from one segment to the next, as a share; the golden ratio spreads them evenly."""
 
-BASIC_S, FULL_S = 700.0, 1440.0
+BASIC_S, FULL_S = 700.0, 1160.0
 """Longest experiment, without emptying the tanks and without a ruler."""
 
 

@@ -33,11 +33,13 @@ def identify(
     ] = None,
     full: Annotated[
         bool,
-        typer.Option("--full", help="Also learn curves, dead zones, delays, datum and sensors: 24 minutes, not 12."),
+        typer.Option("--full", help="For curves, dead zones, delays, datum and sensors: 20 minutes, not 12."),
     ] = False,
     minutes: Annotated[
         Optional[float],
-        typer.Option("--minutes", metavar="M", min=0.4, max=120.0, help="Length of the experiment. Default: 11.5, 24."),
+        typer.Option(
+            "--minutes", metavar="M", min=0.4, max=120.0, help="Length of the experiment. Default: 12, or 20."
+        ),
     ] = None,
     ruler: Annotated[
         bool, typer.Option("--ruler", help="Ask for levels read by a ruler, when they stand still.")
