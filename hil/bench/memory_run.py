@@ -20,7 +20,7 @@ from hil.edge.can.pair_bus import pair
 from hil.edge.record.record_format import TickFormat, event_line
 from hil.edge.record.run_folder import Manifest, Status, versions
 from hil.edge.record.signals import UNKNOWN_LEVELS, Step, recorded
-from hil.review.kpi import evaluate
+from hil.review.kpi import evaluate, with_parameters
 from hil.review.ticks import parse_events, parse_ticks
 
 WHERE = "the record in memory"
@@ -85,7 +85,8 @@ def simulate_in_memory(
     )
     ticks = parse_ticks("".join(recorder.ticks), WHERE)
     events = parse_events("".join(recorder.events), WHERE)
-    return RunResult(evaluate(manifest, ticks, events), ticks.columns, events, manifest)
+    figures = with_parameters(evaluate(manifest, ticks, events), manifest, ticks, events)
+    return RunResult(figures, ticks.columns, events, manifest)
 
 
 def _now() -> str:
