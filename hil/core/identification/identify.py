@@ -18,7 +18,7 @@ from math import nan
 
 import numpy as np
 
-from hil.core.identification.estimate import Estimate, Priors, estimate
+from hil.core.identification.estimate import Estimate, estimate
 from hil.core.identification.fit import fit_initial
 from hil.core.identification.noise_model import Array, root_mean_square
 from hil.core.identification.null_directions import (
@@ -38,6 +38,7 @@ from hil.core.identification.parameters import (
     RigModel,
     values_of,
 )
+from hil.core.identification.problem import Priors
 from hil.core.identification.records import LevelRecord
 from hil.core.identification.result import FittedParameter, Identification, NullDirection, Prediction, Status
 from hil.core.identification.simulation import levels, prediction, simulate

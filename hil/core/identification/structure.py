@@ -23,11 +23,13 @@ from math import inf, log, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.core.identification.estimate import Estimate, Priors, Problem, estimate, minimise
+from hil.core.identification.estimate import Estimate, estimate
 from hil.core.identification.noise_model import NoiseModel
 from hil.core.identification.null_directions import identifiability
 from hil.core.identification.parameters import BASIC, BY_NAME, PARAMETERS, Choice, RigModel, values_of, with_values
+from hil.core.identification.problem import Priors, Problem
 from hil.core.identification.records import LevelRecord
+from hil.core.identification.steps import minimise
 from hil.core.identification.unknowns import FIXED, FREE, unknowns
 
 Array = NDArray[np.float64]
