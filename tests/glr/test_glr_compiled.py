@@ -36,6 +36,20 @@ def kernel(value):
 CALL = "from toy.kernel import kernel; print(kernel(10.0), sum(kernel.stats.cache_hits.values()))"
 
 
+TYPED = """
+from typing import NamedTuple
+
+from hil.core.diagnosis.glr.compiled import compiled
+
+class {name}(NamedTuple):
+    value: float
+
+@compiled
+def kernel(given):
+    return given.value + 1.0
+"""
+
+
 @pytest.fixture
 def toy(tmp_path: Path) -> Path:
     """A package of two modules: a compiled function, and the helper that is compiled into it."""
@@ -138,3 +152,11 @@ def test_the_digest_of_a_module_follows_all_that_it_imports_and_nothing_else(
     monkeypatch.setattr(inspect, "getsource", edited)
     after = [source_digest(f"{package}.{name}") for name in names]
     assert {name for name, old, new in zip(names, before, after, strict=True) if old != new} == changed
+
+
+def test_a_cache_that_names_a_class_of_before_is_compiled_again(toy: Path) -> None:
+    """numba reads the types of the arguments before the digest: a class with a new name ended every process."""
+    for name in ("Before", "After"):
+        (toy / "kernel.py").write_text(TYPED.format(name=name))
+        call = f"from toy.kernel import {name}, kernel; print(kernel({name}(1.0)))"
+        assert python("-c", call, path=toy.parent) == "2.0"

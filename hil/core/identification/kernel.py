@@ -34,7 +34,7 @@ from hil.core.identification.pump_kernel import (
     OUTLET,
     OVERFLOW,
     SPLIT,
-    Pumps,
+    PumpStates,
     follow_both,
     rest,
     take_arrived,
@@ -242,7 +242,7 @@ def longest_step(theta: Array, geometry: Geometry) -> float:
 def advance(
     theta: Array,
     geometry: Geometry,
-    pumps: Pumps,
+    pumps: PumpStates,
     level_cm: Array,
     s: Array,
     column: Ints,

@@ -61,7 +61,7 @@ def follow(lag_s: float, given: Array, at: Array, dt_s: float, out: Array) -> No
     out[4] = away / lag_s
 
 
-class Pumps(NamedTuple):
+class PumpStates(NamedTuple):
     """Both pumps between two steps.
 
     given : (2, 3) drive that arrives now, and its derivatives by dead zone and curve. at : (2, 5) lagged drive and
@@ -76,9 +76,9 @@ class Pumps(NamedTuple):
 
 
 @compiled
-def rest(theta: Array, time_s: Array, voltage_V: Array) -> Pumps:
+def rest(theta: Array, time_s: Array, voltage_V: Array) -> PumpStates:
     """Both pumps settled at the voltages of the first row."""
-    pumps = Pumps(np.zeros((2, 3)), np.zeros((2, 5)), np.zeros(2, dtype=np.int64), np.full(2, time_s[0]))
+    pumps = PumpStates(np.zeros((2, 3)), np.zeros((2, 5)), np.zeros(2, dtype=np.int64), np.full(2, time_s[0]))
     for i in range(2):
         given, at = pumps.given[i], pumps.at[i]
         set_input(theta, i, voltage_V[0, i], given)
@@ -88,7 +88,7 @@ def rest(theta: Array, time_s: Array, voltage_V: Array) -> Pumps:
 
 
 @compiled
-def take_arrived(theta: Array, time_s: Array, voltage_V: Array, now_s: float, pumps: Pumps) -> float:
+def take_arrived(theta: Array, time_s: Array, voltage_V: Array, now_s: float, pumps: PumpStates) -> float:
     """Let the pumps have what has arrived now; return when the next change arrives."""
     next_s = np.inf
     for i in range(2):
@@ -104,7 +104,7 @@ def take_arrived(theta: Array, time_s: Array, voltage_V: Array, now_s: float, pu
 
 
 @compiled
-def follow_both(theta: Array, pumps: Pumps, dt_s: float, drives: Array) -> None:
+def follow_both(theta: Array, pumps: PumpStates, dt_s: float, drives: Array) -> None:
     """The drives (2, 3, 5) of both pumps at the start, middle and end of a step; the pumps go on to its end."""
     for i in range(2):
         lag_s, given, at, drive = theta[LAG + i], pumps.given[i], pumps.at[i], drives[i]

@@ -16,6 +16,7 @@ import ast
 import contextlib
 import hashlib
 import inspect
+import pickle
 import sys
 from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
@@ -41,12 +42,26 @@ def _source_keyed_cache(function: Callable[..., Any]) -> Any:
     caching: Any = numba.core.caching  # publishes no types
     cache = caching.FunctionCache(function)
     python = f"py{sys.version_info.major}{sys.version_info.minor}"
-    cache._cache_file = caching.IndexDataCacheFile(
+    file = caching.IndexDataCacheFile(
         cache_path=cache.cache_path,
         filename_base=f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}.{python}",
         source_stamp=source_digest(function.__module__),
     )
+    file._load_index = _forgiving(file._load_index)
+    cache._cache_file = file
     return cache
+
+
+def _forgiving(load_index: Callable[[], dict[Any, str]]) -> Callable[[], dict[Any, str]]:
+    """The index of a cache; empty where it names types that are gone: numba reads those before the stamp."""
+
+    def load() -> dict[Any, str]:
+        try:
+            return load_index()
+        except (AttributeError, ImportError, EOFError, pickle.UnpicklingError):
+            return {}
+
+    return load
 
 
 def source_digest(module: str) -> str:
