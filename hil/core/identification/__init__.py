@@ -16,7 +16,7 @@ Pure, as all of `hil.core`: numbers in, numbers out. Module by module:
     noise_model  how large the sensors' noise, waves and turbulence are
     intervals    the covariance of the estimate, where residuals are still coloured, too
     problem      the linearised problem at some values
-    steps        the way to its minimum
+    gauss_newton the way to its minimum
     estimate     generalised least squares with the noise model
     null_directions  what the records do not determine, in words
     structure    which extensions a held-out record asks for

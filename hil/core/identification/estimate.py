@@ -14,12 +14,12 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.core.identification.gauss_newton import MAX_STEPS, minimise
 from hil.core.identification.intervals import NORMAL_95, covariance
 from hil.core.identification.noise_model import NoiseModel
 from hil.core.identification.parameters import Choice, RigModel, values_of
 from hil.core.identification.problem import NO_PRIORS, Normal, Priors, Problem
 from hil.core.identification.records import LevelRecord
-from hil.core.identification.steps import MAX_STEPS, minimise
 from hil.core.identification.unknowns import unknowns
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ FAR_NOISE_V = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate:
+class RigEstimate:
     """Values of all unknowns with their covariance (p, p), and the linearised problem there."""
 
     problem: Problem
@@ -73,7 +73,7 @@ def estimate(
     near: Mapping[str, float] | None = None,
     noise: NoiseModel | None = None,
     max_steps: int = MAX_STEPS,
-) -> Estimate:
+) -> RigEstimate:
     """The estimate of what the choices leave free. priors : beside those of the choices.
 
     near : values of unknowns by name from which to go on, in place of steps from afar. noise : kept as it is.
@@ -95,4 +95,4 @@ def estimate(
         values, normal, is_done = minimise(problem, values, known, max_steps)
     if not is_done and max_steps >= MAX_STEPS:
         values, normal, is_done = minimise(problem, values, known, LAST_STEPS)
-    return Estimate(problem, values, covariance(normal.white, normal.besides), known, normal, is_done)
+    return RigEstimate(problem, values, covariance(normal.white, normal.besides), known, normal, is_done)

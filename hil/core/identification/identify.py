@@ -18,7 +18,7 @@ from math import nan
 
 import numpy as np
 
-from hil.core.identification.estimate import Estimate, estimate
+from hil.core.identification.estimate import RigEstimate, estimate
 from hil.core.identification.fit import fit_initial
 from hil.core.identification.noise_model import Array, root_mean_square
 from hil.core.identification.null_directions import (
@@ -190,19 +190,19 @@ def _unusable(records: Sequence[LevelRecord]) -> str:
     return ""
 
 
-def _identifiability(found: Estimate) -> Identifiability:
+def _identifiability(found: RigEstimate) -> Identifiability:
     return identifiability(found.normal.white.sensitivity, found.normal.ruler, found.names, found.values.tolist())
 
 
 def _with_priors(
-    found: Estimate,
+    found: RigEstimate,
     told: Identifiability,
     records: Sequence[LevelRecord],
     begin: RigModel,
     start: RigModel,
     settled: Mapping[str, Choice],
     weak: Priors,
-) -> Estimate:
+) -> RigEstimate:
     """The estimate with the file's values as priors of what the records do not determine."""
     own = values_of(start)
     centre, sd = dict(weak.centre), dict(weak.sd)
@@ -212,7 +212,7 @@ def _with_priors(
     return estimate(records, begin, settled, Priors(centre, sd), near=near)
 
 
-def _misfit(found: Estimate, records: Sequence[LevelRecord]) -> str:
+def _misfit(found: RigEstimate, records: Sequence[LevelRecord]) -> str:
     """Why the model does not fit the records; "" if it does."""
     if not found.is_converged:
         return "the fit did not converge"
@@ -234,7 +234,7 @@ def _at_rest(told: Identifiability) -> str:
     )
 
 
-def _predicted(found: Estimate, records: Sequence[LevelRecord]) -> list[Prediction]:
+def _predicted(found: RigEstimate, records: Sequence[LevelRecord]) -> list[Prediction]:
     model = found.model
     return [
         prediction(model, record, levels(model, record, found.initial(at)).level_cm)
@@ -255,7 +255,7 @@ def _rmse(predictions: Sequence[Prediction]) -> Quad:
 
 
 def _result(
-    found: Estimate,
+    found: RigEstimate,
     told: Identifiability,
     null: tuple[NullDirection, ...],
     groups: Sequence[str],

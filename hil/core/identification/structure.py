@@ -23,13 +23,13 @@ from math import inf, log, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.core.identification.estimate import Estimate, estimate
+from hil.core.identification.estimate import RigEstimate, estimate
+from hil.core.identification.gauss_newton import minimise
 from hil.core.identification.noise_model import NoiseModel
 from hil.core.identification.null_directions import identifiability
 from hil.core.identification.parameters import BASIC, BY_NAME, PARAMETERS, Choice, RigModel, values_of, with_values
 from hil.core.identification.problem import Priors, Problem
 from hil.core.identification.records import LevelRecord
-from hil.core.identification.steps import minimise
 from hil.core.identification.unknowns import FIXED, FREE, unknowns
 
 Array = NDArray[np.float64]
@@ -49,18 +49,18 @@ class StructureChoice:
 
     groups: tuple[str, ...]
     fixed: Mapping[str, Choice]
-    estimate: Estimate
+    estimate: RigEstimate
     trace: tuple[tuple[str, float, bool], ...]
 
 
 @dataclass(frozen=True, eq=False)
-class Judgement:
+class HeldOutScore:
     """square : sum of the squared white residuals. residual_V : (n, 4) of all records; empty without records."""
 
     square: float
     residual_V: Array
 
-    def difference(self, other: Judgement, noise: NoiseModel) -> float:
+    def difference(self, other: HeldOutScore, noise: NoiseModel) -> float:
         """The largest RMS difference of both predictions among the sensors, over the noise of one reading."""
         if not len(self.residual_V):
             return inf
@@ -73,10 +73,10 @@ class Judgement:
         return max(shares, default=inf)
 
 
-def judged(found: Estimate, records: Sequence[LevelRecord], noise: NoiseModel) -> Judgement:
+def judged(found: RigEstimate, records: Sequence[LevelRecord], noise: NoiseModel) -> HeldOutScore:
     """A simulation of records that were not fitted; unknown initial levels are. Without records: the fit itself."""
     if not records:
-        return Judgement(found.normal.cost, np.zeros((0, 4)))
+        return HeldOutScore(found.normal.cost, np.zeros((0, 4)))
     model = found.model
     wanted = unknowns(records, model, {row.group: FIXED for row in PARAMETERS})
     problem = Problem(tuple(records), model, wanted, Priors({}, {}))
@@ -87,7 +87,7 @@ def judged(found: Estimate, records: Sequence[LevelRecord], noise: NoiseModel) -
     else:
         square = problem.normal(values, noise).cost
     linear, _, _ = problem.linearised(values, None)
-    return Judgement(square, np.concatenate([record.residual_V for record in linear]))
+    return HeldOutScore(square, np.concatenate([record.residual_V for record in linear]))
 
 
 def choose_structure(
@@ -146,7 +146,7 @@ def choose_structure(
     return StructureChoice(groups, dict.fromkeys(lost, FIXED), current, tuple(trace))
 
 
-def hopeless(full: Estimate, candidates: Sequence[str]) -> tuple[tuple[str, ...], bool]:
+def hopeless(full: RigEstimate, candidates: Sequence[str]) -> tuple[tuple[str, ...], bool]:
     """Parameters of extensions that the records can't determine, and whether they determine all basic parameters.
 
     Where two extensions are known only together, the one that comes first in `GIVEN_UP_FIRST` is given up.
@@ -166,7 +166,7 @@ def hopeless(full: Estimate, candidates: Sequence[str]) -> tuple[tuple[str, ...]
         keep = np.array([i for i in keep if full.names[i] not in now])
 
 
-def _margin(found: Estimate, count: int, is_judged: bool) -> float:
+def _margin(found: RigEstimate, count: int, is_judged: bool) -> float:
     if is_judged:
         return MARGIN_FIXED + MARGIN_SD * sqrt(count)
     return MARGIN_FIXED + count * log(max(len(found.normal.white.residual), 2))
@@ -180,14 +180,14 @@ def as_in_file(model: RigModel, file: RigModel, groups: Sequence[str], names: Se
     )
 
 
-def evidence(found: Estimate, start: RigModel, group: str) -> float:
+def evidence(found: RigEstimate, start: RigModel, group: str) -> float:
     """Wald's statistic of a group against the file's values, over its number of parameters."""
     at, away = _group(found, start, group)
     block = found.covariance[np.ix_(at, at)]
     return float(away @ np.linalg.pinv(block, hermitian=True) @ away) / max(len(at), 1)
 
 
-def reduced_values(found: Estimate, start: RigModel, group: str) -> dict[str, float]:
+def reduced_values(found: RigEstimate, start: RigModel, group: str) -> dict[str, float]:
     """Where the other unknowns move, by linear theory, if a group is as in the file."""
     at, away = _group(found, start, group)
     block = found.covariance[np.ix_(at, at)]
@@ -196,7 +196,7 @@ def reduced_values(found: Estimate, start: RigModel, group: str) -> dict[str, fl
     return dict(zip(found.names, np.clip(values, limits.low, limits.high).tolist(), strict=True))
 
 
-def _group(found: Estimate, start: RigModel, group: str) -> tuple[list[int], Array]:
+def _group(found: RigEstimate, start: RigModel, group: str) -> tuple[list[int], Array]:
     own = values_of(start)
     at = [i for i, name in enumerate(found.names) if name in BY_NAME and BY_NAME[name].group == group]
     return at, np.array([found.values[i] - own[found.names[i]] for i in at])
