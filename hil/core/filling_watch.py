@@ -5,10 +5,10 @@ that its file does not describe the diagnosis may take that for a matter of the 
 counted: what comes in, by the upper levels, less what stays, by the lower reading, must leave through the outlet. Pumps
 have no part in this balance, so that their gains, dead zones, curves and lags don't matter. What goes directly into a
 lower tank is its valve's share of what goes into the upper tank across; the ratio of the two is learned from the first
-centimetres, while hardly anything leaves, within what a sound rig may be off its file.
+centimetres, while hardly anything leaves, within what a healthy rig may be off its file.
 
 The ratio of what leaves to the outflow of a clean outlet with that reading is 1 on a rig as its file says. A ratio that
-no sound rig reaches, or that has risen until the level behind it would be too high, ends the start phase.
+no healthy rig reaches, or that has risen until the level behind it would be too high, ends the start phase.
 Why: docs/decisions/0034-water-that-comes-in.md.
 """
 

@@ -110,7 +110,7 @@ def test_on_a_rig_as_its_file_says_the_ratio_is_one() -> None:
 
 
 @pytest.mark.parametrize("seed", range(30))
-def test_a_sound_rig_of_the_first_day_fills_without_a_problem(seed: int) -> None:
+def test_a_healthy_rig_of_the_first_day_fills_without_a_problem(seed: int) -> None:
     model, scale = drawn(seed)
     assert started(model, scale).text == ""
 
@@ -163,7 +163,7 @@ def test_a_slow_drift_is_seen_by_the_rise_of_the_ratio(tank: int) -> None:
     assert start.level_cm[tank] < MAX_CM + 0.3
 
 
-def test_a_sensor_without_trust_is_not_judged_and_counts_anew_afterwards() -> None:
+def test_a_sensor_without_trust_is_not_judged_and_counts_again_afterwards() -> None:
     lost = (True, False, True, True)
     start = started(off_cm=drift(1, 0.1, 10.0), trusted=lost)
     assert start.text == ""
@@ -225,7 +225,7 @@ def test_water_is_balanced_if_the_ratio_is_known_small_and_has_not_risen(
     assert FillingWatch((one, replace(one, **change))).balanced(BENCH) == (True, is_balanced)
 
 
-def test_the_share_is_kept_within_what_a_sound_rig_may_have() -> None:
+def test_the_share_is_kept_within_what_a_healthy_rig_may_have() -> None:
     low, high = SHARE_RANGE
     assert Filling(direct_cm3=100.0, needed_cm3=50.0).share(28.0) == low
     assert Filling(direct_cm3=100.0, needed_cm3=150.0).share(28.0) == high

@@ -18,6 +18,7 @@ from math import nan
 
 import numpy as np
 
+from hil.core.counted import counted
 from hil.core.identification.estimate import RigEstimate, estimate
 from hil.core.identification.fit import fit_initial
 from hil.core.identification.noise_model import Array, root_mean_square
@@ -183,7 +184,7 @@ def _unusable(records: Sequence[LevelRecord]) -> str:
         return "there is no record"
     count = sum(int(np.isfinite(record.reading_V).sum()) for record in records)
     if count < MIN_READINGS:
-        return f"the records hold {count} readings: at least {MIN_READINGS} are needed"
+        return f"the records hold {counted(count, 'reading')}: at least {MIN_READINGS} are needed"
     duration_s = sum(float(record.time_s[-1] - record.time_s[0]) for record in records)
     if duration_s < MIN_DURATION_S:
         return f"the records last {duration_s:.3g} s: at least {MIN_DURATION_S:g} s are needed"
