@@ -13,7 +13,7 @@ from hil.core.identification.fit import fit_initial
 from hil.core.identification.simulation import simulate
 from hil.edge.config.settings_file import default_config_dir
 from hil.edge.record.run_folder import RunFolder, RunFolderError
-from hil.review.level_records import in_means, record_of_folder, without_rounding
+from hil.review.level_records import Decoded, in_means, readings, record_of_folder, without_rounding
 
 CONFIG = default_config_dir()
 
@@ -90,6 +90,25 @@ def test_voltages_that_lie_on_the_steps_of_a_converter_are_taken_as_those_steps(
     assert np.allclose(without_rounding(reported, (0.0, 10.0)), exact, rtol=0.0, atol=1e-12)
     free = np.array([[0.1234, 3.3332], [1.7778, 2.001], [4.0002, 0.5556], [9.7, 5.1112]])
     assert (without_rounding(free, (0.0, 10.0)) == free).all()
+
+
+def test_readings_of_both_frames_belong_together_when_they_are_within_2_ms() -> None:
+    """The frame of the upper tanks may come before or after that of the lower ones; one that is missing leaves NaN."""
+
+    def levels(times_s: list[float], first: int) -> Decoded:
+        columns = {f"Level{first + i}": np.array(times_s) * 10.0 + first + i for i in (0, 1)}
+        columns |= {f"Status{first + i}": np.zeros(len(times_s)) for i in (0, 1)}
+        return Decoded(np.array(times_s), columns)
+
+    lower = levels([0.0, 0.02, 0.04, 0.06, 0.08, 0.08], 1)
+    upper = levels([0.0, 0.021, 0.039, 0.065, 0.08], 3)
+    upper.values["Status4"][0] = 1.0
+    times_s, reading_V = readings(lower, upper)
+    assert times_s.tolist() == [0.0, 0.02, 0.04, 0.06, 0.08], "the repeated frame counts once"
+    assert np.allclose(reading_V[:, 0], times_s * 10.0 + 1.0)
+    assert np.allclose(reading_V[:, 1], times_s * 10.0 + 2.0)
+    assert np.allclose(reading_V[:, 2], [3.0, 3.21, 3.39, np.nan, 3.8], equal_nan=True)
+    assert np.allclose(reading_V[:, 3], [np.nan, 4.21, 4.39, np.nan, 4.8], equal_nan=True)
 
 
 def test_a_run_without_a_control_step_says_so(runs: tuple[Path, ...], tmp_path: Path) -> None:
