@@ -82,6 +82,21 @@ def test_the_plan_keeps_to_the_time_that_it_promises(is_full: bool) -> None:
     assert moving_s + 10.0 + 1.5 * len(phases) <= 60.0 * (25 if is_full else 12)
 
 
+def test_steps_move_one_pump_at_a_time_then_both_and_drains_stop_both() -> None:
+    """Multiples of the voltages that hold the middle level; a pump that stays is what tells the two apart."""
+    phases = {phase.name: phase for phase in plan(SPEC)}
+    base1, base2 = SPEC.base_drives
+    shares = {
+        name: [(s.voltage_V[0] / base1, s.voltage_V[1] / base2) for s in phases[name].segments]
+        for name in ("steps", "drain")
+    }
+    up_and_down = [(1.5, 1.0), (0.5, 1.0), (1.0, 1.5), (1.0, 0.5), (1.4, 1.4), (0.6, 0.6)]
+    filled_and_drained = [(1.8, 0.0), (0.0, 0.0), (0.0, 1.8), (0.0, 0.0), (1.4, 1.4), (0.0, 0.0)]
+    for name, wanted in (("steps", up_and_down), ("drain", filled_and_drained)):
+        assert [pair[0] for pair in shares[name]] == pytest.approx([pair[0] for pair in wanted], rel=0.05)
+        assert [pair[1] for pair in shares[name]] == pytest.approx([pair[1] for pair in wanted], rel=0.05)
+
+
 def test_every_plan_keeps_one_record_to_judge_the_result() -> None:
     for is_full in (False, True):
         assert [phase.is_held_out for phase in plan(replace(SPEC, is_full=is_full))].count(True) == 1
