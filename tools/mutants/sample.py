@@ -30,13 +30,13 @@ class Room:
 
 
 ROOMS = {
-    "core": Room(("hil/core/*.py", "hil/core/diagnosis/*.py"), ("tests/core", "tests/safety")),
+    "core": Room(("hil/core/*.py", "hil/core/diagnosis/*.py"), ("tests/core", "tests/safety", "tests/identification")),
     "glr": Room(("hil/core/diagnosis/glr/*.py",), ("tests/glr",), needs_compiler=True),
     "loop": Room(
         ("hil/loop.py", "hil/lockstep.py", "hil/runtime.py"), ("tests/bus", "tests/closed_loop", "tests/faults")
     ),
     "record": Room(("hil/edge/record/*.py",), ("tests/review",)),
-    "review": Room(("hil/review/*.py",), ("tests/review",)),
+    "review": Room(("hil/review/*.py",), ("tests/review", "tests/identification")),
     "emulator": Room(("firmware_sim/*.py", "firmware_sim/faults/*.py"), ("tests/firmware_sim",)),
 }
 
