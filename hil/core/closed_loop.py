@@ -19,7 +19,7 @@ from hil.core.pumps import STRAIGHT, PumpPath, UnderWay
 from hil.core.reconfiguration import Reconfiguration
 from hil.core.sensors import PLAIN, LevelSensors
 from hil.core.start_phase import StartConfig, StartPhase
-from hil.core.state_feedback import ControlLaw
+from hil.core.state_feedback import StateFeedback
 from hil.core.types import (
     UNKNOWN,
     UNRESOLVED,
@@ -84,7 +84,7 @@ class LoopState:
     started_ns: int
     stepped_ns: int
     reference_V: Pair
-    law: ControlLaw
+    law: StateFeedback
     law_for: tuple[Pair, Pair, Pair | None, Waterways | None]
     integral_Vs: Pair
     estimate: Estimate
@@ -95,7 +95,7 @@ class LoopState:
     raw_V: Pair
     level_cm: Quad
     under_way: UnderWay
-    base: ControlLaw
+    base: StateFeedback
     start: StartPhase | None = None
     followed: Followed = field(default_factory=Followed)
     unstable_since_s: float = inf

@@ -13,7 +13,7 @@ from scipy.linalg import solve_continuous_lyapunov
 from hil.core.eigenstructure import augment
 from hil.core.gain_design import GainDesign, closed_loop_poles, gain_matrix
 from hil.core.pumps import STRAIGHT, PumpPath
-from hil.core.state_feedback import ControlLaw
+from hil.core.state_feedback import StateFeedback
 from hil.core.tanks import ReachableTarget, TankModel, equilibrium, holding_voltages, linearise, nearest_reachable
 from hil.core.types import Pair, Quad, Waterways
 
@@ -57,12 +57,12 @@ class Reconfiguration:
         effectiveness: Pair,
         valve_split: Pair | None = None,
         waterways: Waterways | None = None,
-    ) -> ControlLaw:
+    ) -> StateFeedback:
         """The law for a reference (2,) in V and the pumps' effectiveness (2,). Fast enough for every control step.
 
         valve_split : (2,) the splits found, if a valve has shifted. waterways : what was found, if a tank leaks or an
         outlet is blocked. Operating point and target are then those of what was found. The gains stay as long as they
-        are stable there, otherwise they are computed again; where they are not stable either, `ControlLaw.problem`
+        are stable there, otherwise they are computed again; where they are not stable either, `StateFeedback.problem`
         says so. Not with a dead pump.
         """
         law = self._law(self.model, reference_V, effectiveness)
@@ -78,7 +78,7 @@ class Reconfiguration:
             pass  # no gains, or no operating point
         return replace(law, problem=f"{what} leave no stable law")
 
-    def settling_integral(self, law: ControlLaw, waterways: Waterways, level_cm: Quad) -> Pair:
+    def settling_integral(self, law: StateFeedback, waterways: Waterways, level_cm: Quad) -> Pair:
         """The integrals (2,) in V s from which the outputs return best to a target that identified tanks can hold.
 
         The operating point then needs none in the end. On the way there the integral of the squared errors of the
@@ -111,13 +111,13 @@ class Reconfiguration:
         )
         return found, "outlets of {:.2f}, {:.2f}, {:.2f} and {:.2f} of the file's".format(*waterways.outlet)
 
-    def _is_stable(self, model: TankModel, law: ControlLaw) -> bool:
+    def _is_stable(self, model: TankModel, law: StateFeedback) -> bool:
         """Whether the gains stabilise these tanks at the law's operating point."""
         h1, h2, h3, h4 = (max(h, MIN_LINEARISED_CM) for h in law.operating_level_cm)
         poles = closed_loop_poles(linearise(model, (h1, h2, h3, h4)), gain_matrix(law.gains))
         return bool(poles[0].real < -MIN_DECAY_1_S)
 
-    def _law(self, model: TankModel, reference_V: Pair, effectiveness: Pair, unsure_V: float = 0.0) -> ControlLaw:
+    def _law(self, model: TankModel, reference_V: Pair, effectiveness: Pair, unsure_V: float = 0.0) -> StateFeedback:
         """The law for a model. unsure_V : by how much the holding drives may be out of range without another target.
 
         The gains are those of PEA for nominal pumps; the whole command of a pump is divided by its theta. That is also
@@ -141,7 +141,7 @@ class Reconfiguration:
             operating_V, levels = reachable.holding_V, (*wanted_cm, *levels[2:])
         h1, h2, h3, h4 = (max(h, MIN_LINEARISED_CM) for h in levels)
         gains = self.design.gains(linearise(model, (h1, h2, h3, h4)))
-        return ControlLaw(
+        return StateFeedback(
             gains=gains,
             operating_level_cm=levels,
             operating_V=operating_V,

@@ -19,7 +19,7 @@ from math import ceil, inf, sqrt
 import numpy as np
 
 from hil.core.inflow_watch import LEARN_S
-from hil.core.state_feedback import ControlLaw
+from hil.core.state_feedback import StateFeedback
 from hil.core.tanks import TankModel, equilibrium, through_flow_matrix
 from hil.core.types import NAMELESS, Alarm, Event, Pair, Quad, Severity
 
@@ -105,7 +105,7 @@ class StartPhase:
         (a1, a2), (b1, b2) = self.from_V, target_V
         return a1 + share * (b1 - a1), a2 + share * (b2 - a2)
 
-    def moved(self, model: TankModel, law: ControlLaw, t_s: float) -> ControlLaw:
+    def moved(self, model: TankModel, law: StateFeedback, t_s: float) -> StateFeedback:
         """The law with target and operating point of this moment on the ramp; after it, the law itself."""
         if t_s + self.length_s >= self.ramp_s:
             return law

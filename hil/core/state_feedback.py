@@ -17,7 +17,7 @@ from hil.core.types import Pair, Quad
 
 
 @dataclass(frozen=True)
-class ControlLaw:
+class StateFeedback:
     """Parameters of the state feedback until reference or diagnosis change.
 
     operating_level_cm : (4,) h0 in x = h - h0. operating_V : (2,) v0, for nominal pumps. target_V : (2,) outputs in
@@ -46,7 +46,7 @@ class ControlLaw:
         )
 
 
-def effective_voltage(law: ControlLaw, integral_Vs: Pair, level_cm: Quad) -> Pair:
+def effective_voltage(law: StateFeedback, integral_Vs: Pair, level_cm: Quad) -> Pair:
     """v0 + u in V, before effectiveness and limits."""
     p1, p2 = _level_part(law, level_cm)
     (k11, k12), (k21, k22) = law.gains.integrals_1_s
@@ -54,7 +54,7 @@ def effective_voltage(law: ControlLaw, integral_Vs: Pair, level_cm: Quad) -> Pai
     return law.operating_V[0] - p1 - k11 * q1 - k12 * q2, law.operating_V[1] - p2 - k21 * q1 - k22 * q2
 
 
-def pump_voltage(law: ControlLaw, effective_V: Pair) -> Pair:
+def pump_voltage(law: StateFeedback, effective_V: Pair) -> Pair:
     """V = (v0 + u)/theta in V, before limits; for a dead pump its stand-by voltage."""
     v1, v2 = effective_V[0] / law.effectiveness[0], effective_V[1] / law.effectiveness[1]
     if law.standby_V == (None, None):
@@ -63,7 +63,7 @@ def pump_voltage(law: ControlLaw, effective_V: Pair) -> Pair:
     return v1 if s1 is None else s1, v2 if s2 is None else s2
 
 
-def undelivered(law: ControlLaw, effective_V: Pair, excess_V: Pair) -> Pair:
+def undelivered(law: StateFeedback, effective_V: Pair, excess_V: Pair) -> Pair:
     """(2,) requested minus applied voltage, V; for a dead pump the whole requested voltage."""
     if law.standby_V == (None, None):
         return excess_V
@@ -74,7 +74,7 @@ def undelivered(law: ControlLaw, effective_V: Pair, excess_V: Pair) -> Pair:
     )
 
 
-def bumpless_integral(law: ControlLaw, level_cm: Quad, effective_V: Pair) -> Pair:
+def bumpless_integral(law: StateFeedback, level_cm: Quad, effective_V: Pair) -> Pair:
     """The integrals q (2,) in V s for which this law gives these effective voltages.
 
     Used when gains or operating point change during a run, and when control takes over from MANUAL.
@@ -87,7 +87,7 @@ def bumpless_integral(law: ControlLaw, level_cm: Quad, effective_V: Pair) -> Pai
 
 
 def advance_integral(
-    law: ControlLaw,
+    law: StateFeedback,
     integral_Vs: Pair,
     error_V: Pair,
     excess_V: Pair,
@@ -110,7 +110,7 @@ def advance_integral(
     )
 
 
-def _level_part(law: ControlLaw, level_cm: Quad) -> Pair:
+def _level_part(law: StateFeedback, level_cm: Quad) -> Pair:
     """K_x x in V."""
     x1, x2, x3, x4 = (h - h0 for h, h0 in zip(level_cm, law.operating_level_cm, strict=True))
     (a1, a2, a3, a4), (b1, b2, b3, b4) = law.gains.levels_V_cm

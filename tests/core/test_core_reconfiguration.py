@@ -15,7 +15,7 @@ from hil.core.eigenstructure import assign, augment
 from hil.core.estimator import Estimate
 from hil.core.gain_design import Gains, closed_loop_poles, gain_matrix
 from hil.core.reconfiguration import MIN_EFFECTIVENESS, MIN_LINEARISED_CM
-from hil.core.state_feedback import ControlLaw
+from hil.core.state_feedback import StateFeedback
 from hil.core.tanks import equilibrium, linearise
 from hil.core.types import Diagnosis, Measurement, Pair, Quad
 from tests.core.core_bench import (
@@ -46,7 +46,7 @@ def reference_at(voltage_V: Pair = (3.0, 3.0)) -> Pair:
     return 0.5 * h1, 0.5 * h2
 
 
-def hand_law(**changes: Any) -> ControlLaw:
+def hand_law(**changes: Any) -> StateFeedback:
     """A law with numbers that can be followed on paper."""
     gains = Gains.from_matrix(np.array([[1.0, 2.0, 3.0, 4.0, 0.5, 0.1], [5.0, 6.0, 7.0, 8.0, -0.2, 0.4]]))
     values: dict[str, Any] = {
@@ -57,7 +57,7 @@ def hand_law(**changes: Any) -> ControlLaw:
         "effectiveness": (0.5, 0.8),
         "reason": "",
     }
-    return ControlLaw(**(values | changes))
+    return StateFeedback(**(values | changes))
 
 
 def test_feedback_is_operating_voltage_minus_gains_times_state() -> None:
@@ -141,7 +141,7 @@ class SaturatedRun:
         self.raw: Pair = (math.nan, math.nan)
         self.applied = self.error = self.raw
 
-    def step(self, law: state_feedback.ControlLaw) -> None:
+    def step(self, law: state_feedback.StateFeedback) -> None:
         effective = state_feedback.effective_voltage(law, self.integral, self.plant.level_cm)
         low, high = self.limits_V
         self.raw = state_feedback.pump_voltage(law, effective)
@@ -151,12 +151,12 @@ class SaturatedRun:
         self.integral = state_feedback.advance_integral(law, self.integral, self.error, excess, PERIOD_S, 5.0)
         self.plant.advance(self.applied, PERIOD_S)
 
-    def change(self, old: state_feedback.ControlLaw, new: state_feedback.ControlLaw) -> None:
+    def change(self, old: state_feedback.StateFeedback, new: state_feedback.StateFeedback) -> None:
         effective = state_feedback.effective_voltage(old, self.integral, self.plant.level_cm)
         self.integral = state_feedback.bumpless_integral(new, self.plant.level_cm, effective)
 
 
-def saturate(run: SaturatedRun, far_V: float) -> state_feedback.ControlLaw:
+def saturate(run: SaturatedRun, far_V: float) -> state_feedback.StateFeedback:
     """Four minutes of a reference that LIMITS_V can't hold; the law then in force."""
     law = RIG.law(reference_at((far_V, far_V)), HEALTHY)
     for _ in range(2400):
@@ -164,7 +164,7 @@ def saturate(run: SaturatedRun, far_V: float) -> state_feedback.ControlLaw:
     return law
 
 
-def come_back(run: SaturatedRun, law: state_feedback.ControlLaw) -> tuple[float | None, float]:
+def come_back(run: SaturatedRun, law: state_feedback.StateFeedback) -> tuple[float | None, float]:
     """Five minutes of a reference within reach: when the pumps left their limits, and the worst error past it."""
     back = RIG.law(reference_at(), HEALTHY)
     run.change(law, back)
