@@ -149,17 +149,22 @@ class Rig:
         """True levels at `now_ns`."""
         return self._tanks_now().levels_cm
 
+    @property
+    def effectiveness(self) -> tuple[float, float]:
+        """Share of the flow of a pump as new that each pump gives."""
+        e1, e2 = self._effectiveness
+        return e1, e2
+
     def truth(self) -> Truth:
         """Return the state of the rig at `now_ns`."""
         tanks = self._tanks_now()
-        e1, e2 = self._effectiveness
         start_ns = self._start_ns
         return Truth(
             t_s=self._now_ns / NS_PER_S,
             scenario_s=None if start_ns is None else (self._now_ns - start_ns) / NS_PER_S,
             levels_cm=tanks.levels_cm,
             applied_V=self.pump.applied_V,
-            effectiveness=(e1, e2),
+            effectiveness=self.effectiveness,
             spilled_cm3=tanks.spilled_cm3,
             pump_state=self.pump.state,
             faults=tuple(f"{fault.kind} {fault.target}" for fault in self._faults.active(self._now_ns)),

@@ -117,7 +117,7 @@ def _run(case: Case, config_dir: Path, bound_s: outcome.Bound | None, started: E
     rig = bench.rig
     observer = Observer(rig.pumps.range_V)
     emulator = Emulator(truth, faults, case.seed, _fingerprint(config_dir), observer.on_change)
-    observer.pump = emulator.pump
+    observer.pump, observer.effectiveness = emulator.pump, lambda: emulator.effectiveness
     with ExitStack() as stack:
         ours, theirs = (stack.enter_context(end) for end in pair())
         port = BusPort(ours)

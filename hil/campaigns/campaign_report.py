@@ -21,7 +21,7 @@ MAX_ROWS = 200
 OTHER = "other"
 WORDS = {
     "overflow": "No level above the rim, no water over it.",
-    "dry_run": "No pump without water for more than 2 s.",
+    "dry_run": "No pump is driven for more than 2 s without water from any pump.",
     "applied_out_of_range": "Applied voltages within range.",
     "rate_broken": "Applied voltages change no faster than the rate allows.",
     "latch_broken": "After a trip, 0 V and nothing else.",

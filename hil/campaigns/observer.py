@@ -6,7 +6,9 @@ went over a rim is counted by the tanks themselves.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from math import nan
 from typing import Any, Protocol
 
 import numpy as np
@@ -25,7 +27,16 @@ CLEARED = "cleared"
 VOLT_TOLERANCE_V = 0.006
 """What converters of 12 bit and the wire's steps may add to a change of voltage, both ends together."""
 
-COLUMNS = ("t_s", "r1_V", "r2_V", "h1_cm", "h2_cm", "h3_cm", "h4_cm", "v1_V", "v2_V", "accepted", "e1", "e2")
+DRY_S = 2.0
+"""For how long a pump may be driven while no pump gives water."""
+
+DRY_SHARE, DRY_V = 0.05, 0.5
+"""A pump with a smaller share of its flow gives no water; with a smaller voltage it hardly turns."""
+
+COLUMNS = (
+    *("t_s", "r1_V", "r2_V", "h1_cm", "h2_cm", "h3_cm", "h4_cm", "v1_V", "v2_V", "accepted"),
+    *("e1", "e2", "true_e1", "true_e2"),
+)
 
 
 class PumpTruth(Protocol):
@@ -68,9 +79,9 @@ class PumpChange(Protocol):
 class Observations:
     """What was observed of a run.
 
-    steps : (n, len(COLUMNS)), a row a step, references and effectiveness as the controller has them, all else as it
-    truly is. events : with their run time. range_broken, latch_broken : what went out of range, or moved again after
-    a trip, in words; empty when nothing did.
+    steps : (n, len(COLUMNS)), a row a step, references and effectiveness e1, e2 as the controller has them, all else as
+    it truly is; true_e1, true_e2 are nan where nobody knows them. events : with their run time. range_broken,
+    latch_broken : what went out of range, or moved again after a trip, in words; empty when nothing did.
     """
 
     steps: Floats
@@ -85,10 +96,14 @@ class Observations:
 
 @dataclass
 class Observer:
-    """Has the recorder's methods for the loop, and `on_change` for the emulator's pump node. One run, then `result`."""
+    """Has the recorder's methods for the loop, and `on_change` for the emulator's pump node. One run, then `result`.
+
+    effectiveness : tells the true share of its flow that each pump gives.
+    """
 
     range_V: Pair
     pump: PumpTruth | None = None
+    effectiveness: Callable[[], Sequence[float]] = lambda: (nan, nan)
     _rows: list[tuple[float, ...]] = field(default_factory=list)
     _events: list[tuple[float, Event]] = field(default_factory=list)
     _tripped_ns: int | None = None
@@ -101,9 +116,8 @@ class Observer:
         if true_level_cm is None or self.pump is None:
             raise ValueError("a campaign needs the emulator's truth")
         pump, t_s = self.pump, record.t_s
-        self._rows.append(
-            (t_s, *record.reference_V, *true_level_cm, *pump.applied_V, pump.accepted, *record.effectiveness)
-        )
+        known, true = record.effectiveness, self.effectiveness()
+        self._rows.append((t_s, *record.reference_V, *true_level_cm, *pump.applied_V, pump.accepted, *known, *true))
         if record.events:
             self._events += [(t_s, event) for event in record.events]
         if record.mode is Mode.TRIPPED:
@@ -167,3 +181,13 @@ def rate_broken(seen: Observations, rate_V_s: float, period_s: float) -> str:
             at = int(np.argmax(steep))
             return f"{name[:2]} from {volts[at]:.3f} to {volts[at + 1]:.3f} V at {t_s[took[at + 1]]:.2f} s"
     return ""
+
+
+def ran_dry(seen: Observations) -> bool:
+    """Whether a pump was driven for more than `DRY_S` without a pause while neither gave water, whatever the reason."""
+    t_s, volts = seen.column("t_s"), np.maximum(seen.column("v1_V"), seen.column("v2_V"))
+    share = np.maximum(seen.column("true_e1"), seen.column("true_e2"))
+    is_dry = (share < DRY_SHARE) & (volts > DRY_V)
+    began = np.flatnonzero(is_dry & ~np.concatenate(([False], is_dry[:-1])))
+    ended = np.flatnonzero(is_dry & ~np.concatenate((is_dry[1:], [False])))
+    return bool((t_s[ended] - t_s[began] > DRY_S).any()) if len(began) else False

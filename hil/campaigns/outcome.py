@@ -12,7 +12,7 @@ import numpy as np
 
 from hil.campaigns import growing
 from hil.campaigns.cases import Case
-from hil.campaigns.observer import Observations, rate_broken
+from hil.campaigns.observer import Observations, ran_dry, rate_broken
 from hil.campaigns.rig_draw import is_honest
 from hil.campaigns.row import CRASHED, Elapsed, Row
 from hil.core.types import NAMELESS, Pair, Quad
@@ -229,7 +229,7 @@ def _safety(bench: RigFigures, seen: Observations, rest: Rest, faults: Sequence[
     levels_cm, applied_V = seen.steps[:, 3:7], seen.steps[:, 7:9]
     level_max_cm = float(levels_cm.max()) if len(levels_cm) else None
     is_over = rest.spilled_cm3 > 0.0 or bool((levels_cm > np.array(bench.height_cm)).any())
-    is_dry = dry_run(seen.column("t_s"), applied_V, faults)
+    is_dry = dry_run(seen.column("t_s"), applied_V, faults) or ran_dry(seen)
     too_steep = rate_broken(seen, bench.rate_V_s, bench.period_s)
     is_moving = rest.applied_V != (0.0, 0.0)
     words = [

@@ -57,6 +57,7 @@ def seen(steps: int = 100, **columns: float | npt.NDArray[Any]) -> Observations:
         "v2_V": 3.0,
     }
     healthy |= {f"h{tank}_cm": 10.0 for tank in (1, 2, 3, 4)} | {"accepted": np.arange(steps), "e1": 1.0, "e2": 1.0}
+    healthy |= {"true_e1": 1.0, "true_e2": 1.0}
     table = np.empty((steps, len(COLUMNS)))
     for name, values in {**healthy, **columns}.items():
         table[:, COLUMNS.index(name)] = values
@@ -182,6 +183,18 @@ def test_voltage_after_the_end_and_pumps_without_water_are_seen() -> None:
     assert judged(seen(), case=dry).breaks == ("dry_run",)
     off = np.where(np.arange(100) * 0.1 > 5.9, 0.0, 3.0)
     assert judged(seen(v1_V=off, v2_V=off), case=dry).breaks == ()
+
+
+def test_two_pumps_without_water_run_dry_whatever_the_reason() -> None:
+    """Only an empty reservoir counted: two pumps that had faded to nothing broke no invariant."""
+    t_s = np.arange(100) * 0.1
+    gone = np.where(t_s >= 4.0, 0.04, 1.0)
+    assert judged(seen(true_e1=gone, true_e2=gone)).breaks == ("dry_run",)
+    assert judged(seen(true_e1=gone, true_e2=0.06)).breaks == ()  # one of them still gives water
+    assert judged(seen(true_e1=gone, true_e2=gone, v1_V=0.5, v2_V=0.5)).breaks == ()
+    pauses = np.where(t_s % 2.0 < 0.15, 0.0, 3.0)
+    assert "dry_run" not in judged(seen(true_e1=gone, true_e2=gone, v1_V=pauses, v2_V=pauses)).breaks
+    assert judged(seen(true_e1=np.nan, true_e2=np.nan)).breaks == ()  # nobody knows
 
 
 def test_poisson_limits_are_the_exact_ones() -> None:

@@ -22,7 +22,7 @@ from firmware_sim.truth import Truth
 from hil import lockstep
 from hil.bench import assembly
 from hil.campaigns.cases import Case
-from hil.campaigns.observer import VOLT_TOLERANCE_V, Observations, Observer, rate_broken
+from hil.campaigns.observer import VOLT_TOLERANCE_V, Observations, Observer, ran_dry, rate_broken
 from hil.campaigns.toml_text import toml_text
 from hil.core.types import Event, Mode, TickRecord
 from hil.edge.can.bus import BusPort
@@ -214,7 +214,7 @@ def broken(run: Run, *, is_alone: bool = True) -> list[str]:
     words = [seen.range_broken]
     if len(levels) and (levels.max() > RIM_CM or run.emulator.truth().spilled_cm3 > 0.0):
         words.append(f"overflow: {levels.max():.2f} cm, {run.emulator.truth().spilled_cm3:.3g} cm3 spilled")
-    if dry_run(seen.column("t_s"), applied, faults):
+    if dry_run(seen.column("t_s"), applied, faults) or ran_dry(seen):
         words.append("a pump ran on without water")
     if is_alone:
         words += [seen.latch_broken, rate_broken(seen, rate_V_s, T_S)]
@@ -267,6 +267,7 @@ def play(
         print_of = contract().fingerprint if fingerprint is None else fingerprint
         emulator = Emulator(truth, faults, seed, print_of, keeper.on_change)
     keeper.emulator, keeper.pump = emulator, emulator.pump
+    keeper.effectiveness = lambda: emulator.effectiveness
     with (ends or _virtual_ends)() as (ours, theirs):
         port = BusPort(wrap(ours))
         loop = ControlLoop(

@@ -41,16 +41,14 @@ def step(m: Memory) -> list[Alarm]:
         return []
     alarms = []
     for pump in PUMPS:
-        told = m.strength.get(pump)
-        share, std = _share(m, pump)
-        difference = share - (told.share if told else 1.0)
-        least = CHANGE if told else MIN_DIFFERENCE
-        is_clear = std <= MAX_STD and abs(difference) >= max(least, SURE_STDS * std)
         is_busy = m.suspicion is not None or pump in m.declared or float(m.entry[VOLTAGE + pump]) < MIN_VOLTAGE_V
-        m.steady_s[pump] = m.steady_s[pump] + float(m.entry[PERIOD]) if is_clear and not is_busy else 0.0
+        if is_busy or not _is_clear(m, pump):
+            m.steady_s[pump] = 0.0
+            continue
+        m.steady_s[pump] += float(m.entry[PERIOD])
         if m.steady_s[pump] >= HOLD_S:
             m.steady_s[pump] = 0.0
-            alarms.append(_report(m, pump, share, std))
+            alarms.append(_report(m, pump, _share(m, pump), _std(m, pump)))
     return alarms
 
 
@@ -84,12 +82,28 @@ def _report(m: Memory, pump: int, share: float, std: float) -> Alarm:
     )
 
 
-def _share(m: Memory, pump: int) -> tuple[float, float]:
-    """What a pump gives at its present voltage, over what its file says, and the standard deviation of that."""
+def _is_clear(m: Memory, pump: int) -> bool:
+    """Whether a pump certainly gives another share than its file says, or than was reported."""
+    told = m.strength.get(pump)
+    difference = abs(_share(m, pump) - (told.share if told else 1.0))
+    if difference < (CHANGE if told else MIN_DIFFERENCE):
+        return False
+    std = _std(m, pump)
+    return std <= MAX_STD and difference >= SURE_STDS * std
+
+
+def _share(m: Memory, pump: int) -> float:
+    """What a pump gives at its present voltage, over what its file says."""
+    voltage_V = max(float(m.entry[VOLTAGE + pump]), MIN_VOLTAGE_V)
+    flow_V, _, _ = kernels.flow_voltage(m.x, pump, voltage_V)
+    return float(m.x[SCALE + pump]) * flow_V / voltage_V
+
+
+def _std(m: Memory, pump: int) -> float:
+    """Standard deviation of `_share`."""
     voltage_V = max(float(m.entry[VOLTAGE + pump]), MIN_VOLTAGE_V)
     flow_V, by_zone, by_bend = kernels.flow_voltage(m.x, pump, voltage_V)
     scale = float(m.x[SCALE + pump])
     states = [SCALE + pump, ZONE + pump, BEND + pump]
     slope = np.array([flow_V, scale * by_zone, scale * by_bend]) / voltage_V
-    variance = float(slope @ m.P[np.ix_(states, states)] @ slope)
-    return scale * flow_V / voltage_V, sqrt(max(variance, 0.0))
+    return sqrt(max(float(slope @ m.P[np.ix_(states, states)] @ slope), 0.0))
