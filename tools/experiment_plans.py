@@ -63,7 +63,7 @@ def _run(spec: PlanSpec, bounds: Envelope, phase: Phase, level_cm: Quad) -> tupl
     state, t_s = PhaseState(), 0.0
     times, voltages, seen = [], [], []
     while True:
-        state = advance(phase, bounds, state, t_s, level_cm, is_answered=True)
+        state = advance(phase, bounds, state, t_s, level_cm, answered=sys.maxsize)
         if state.is_over or state.problem:
             break
         times.append(t_s)

@@ -215,7 +215,7 @@ class EmulatedStage:
             with removed_if_not_opened(folder):
                 recorder = open_record(folder, _timeline(bench, phase, options), self._with_lines)
             record = stack.enter_context(RunRecord(recorder, port))
-            steps = ExperimentSteps(experiment_config(bench, phase, options), watch.is_answered)
+            steps = ExperimentSteps(experiment_config(bench, phase, options), watch.answered)
             loop = _loop(bench, steps, port, recorder, options, watch.see, true_level_cm=lambda: emulator.levels_cm)
             stop = stack.enter_context(StopSignal())
             record.outcome = lockstep.run(
@@ -257,7 +257,7 @@ class LiveStage:
             with removed_if_not_opened(folder):
                 recorder.open(folder, partial(open_record, folder, _timeline(bench, phase, options), self._with_lines))
             record = stack.enter_context(RunRecord(recorder, port))
-            steps = ExperimentSteps(experiment_config(bench, phase, options), watch.is_answered)
+            steps = ExperimentSteps(experiment_config(bench, phase, options), watch.answered)
             loop = _loop(bench, steps, port, recorder, options, watch.see, clock_ns=clock.now_ns)
             stop = stack.enter_context(StopSignal())
             record.outcome = runtime.run(

@@ -7,17 +7,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from sys import maxsize
 from typing import Protocol
 
 import numpy as np
 
 from hil.core.controller import Output
 from hil.core.identification.records import RulerReading
-from hil.core.types import Inputs, Mode, Quad
+from hil.core.types import Event, Inputs, Mode, Quad
 from hil.edge.config.settings_file import SettingsError, read_text
 from hil.edge.record.run_folder import writing
 
 FILE = "ruler.csv"
+EVENT = "ruler"
+"""Code of the event at which the levels are asked for; its data name the tanks, from 1 on."""
+
 HEADER = "t_s,tank,level_cm,sd_cm"
 SD_CM = 0.1
 
@@ -28,8 +32,8 @@ Level = tuple[int, float, float]
 class Ruler(Protocol):
     """Who reads the levels."""
 
-    def ask(self) -> None:
-        """Begin to ask; returns at once."""
+    def ask(self, tanks: Sequence[int]) -> None:
+        """Begin to ask for the levels of these tanks (0 to 3); returns at once."""
         ...
 
     def take(self) -> tuple[Level, ...]:
@@ -46,12 +50,12 @@ class RulerWatch:
 
     def __init__(self, ruler: Ruler | None) -> None:
         self._ruler = ruler
-        self._is_asked = False
+        self._asked = 0
         self.readings: list[RulerReading] = []
 
     def write(self, folder: Path) -> None:
         """Keep the readings in a run folder if levels were asked for. Raises IncompleteRecordError."""
-        if self._is_asked:
+        if self._asked:
             write_readings(folder, self.readings)
 
     def see(self, inputs: Inputs, output: Output, mode: Mode) -> None:
@@ -59,52 +63,61 @@ class RulerWatch:
         del inputs, mode
         if self._ruler is None or output.record is None:
             return
-        if any(event.code == "ruler" for event in output.events):
-            self._is_asked = True
-            self._ruler.ask()
-        if self._is_asked:
+        for event in output.events:
+            if event.code == EVENT:
+                self._asked += 1
+                self._ruler.ask(tanks_of(event))
+        if self._asked:
             t_s = output.record.t_s
             self.readings += [RulerReading(t_s, tank, level_cm, sd_cm) for tank, level_cm, sd_cm in self._ruler.take()]
 
-    def is_answered(self) -> bool:
-        """Whether all readings are there."""
-        return self._ruler is None or (self._is_asked and self._ruler.is_done())
+    def answered(self) -> int:
+        """How often the levels were asked for and read."""
+        if self._ruler is None:
+            return maxsize
+        return self._asked if self._ruler.is_done() else self._asked - 1
 
 
 class GivenRuler:
-    """Readings that are known beforehand, from a file."""
+    """Readings that are known beforehand: each asking takes the next one of every tank that it asks for."""
 
     def __init__(self, levels: Sequence[Level]) -> None:
-        self._levels = tuple(levels)
-        self._is_asked = False
+        self._levels = list(levels)
+        self._now: list[Level] = []
 
-    def ask(self) -> None:
-        """Give them from now on."""
-        self._is_asked = True
+    def ask(self, tanks: Sequence[int]) -> None:
+        """Give one of each of these tanks; of a tank that has no more, none."""
+        for tank in tanks:
+            found = next((level for level in self._levels if level[0] == tank), None)
+            if found is not None:
+                self._levels.remove(found)
+                self._now.append(found)
 
     def take(self) -> tuple[Level, ...]:
-        """All of them, once."""
-        levels, self._levels = (self._levels, ()) if self._is_asked else ((), self._levels)
+        """Those that were asked for."""
+        levels, self._now = tuple(self._now), []
         return levels
 
     def is_done(self) -> bool:
         """Whether they were taken."""
-        return self._is_asked and not self._levels
+        return not self._now
 
 
 class EmulatedRuler:
-    """Reads the emulator's true levels, with an error of SD_CM."""
+    """Reads the emulator's true levels, each time with an error of SD_CM."""
 
     def __init__(self, true_level_cm: Callable[[], Quad], seed: int) -> None:
         self._true_level_cm = true_level_cm
         self._random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(12,)))
         self._levels: tuple[Level, ...] = ()
 
-    def ask(self) -> None:
-        """Read all four now."""
-        errors_cm = self._random.normal(0.0, SD_CM, 4).tolist()
+    def ask(self, tanks: Sequence[int]) -> None:
+        """Read these now."""
+        errors_cm = self._random.normal(0.0, SD_CM, len(tanks)).tolist()
         levels_cm = self._true_level_cm()
-        self._levels = tuple((tank, levels_cm[tank] + errors_cm[tank], SD_CM) for tank in range(4))
+        self._levels = tuple(
+            (tank, max(levels_cm[tank] + error_cm, 0.0), SD_CM) for tank, error_cm in zip(tanks, errors_cm, strict=True)
+        )
 
     def take(self) -> tuple[Level, ...]:
         """What was read."""
@@ -114,6 +127,12 @@ class EmulatedRuler:
     def is_done(self) -> bool:
         """Whether it was taken."""
         return not self._levels
+
+
+def tanks_of(event: Event) -> tuple[int, ...]:
+    """The tanks (0 to 3) that an event asks for."""
+    tanks = event.data["tanks"]
+    return tuple(int(tank) - 1 for tank in tanks) if isinstance(tanks, list) else ()
 
 
 def read_readings(folder: Path) -> tuple[RulerReading, ...]:

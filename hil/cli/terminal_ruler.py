@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
 from math import isfinite
 from queue import SimpleQueue
 
@@ -20,14 +21,14 @@ class TerminalRuler:
     def __init__(self, console: Console, lines: TypedLines | None = None) -> None:
         self._console = console
         self._lines = lines
-        self._tank = 4
+        self._tanks: list[int] = []
         self._texts: SimpleQueue[str] = SimpleQueue()
         threading.Thread(target=self._write, name="ruler", daemon=True).start()
 
-    def ask(self) -> None:
-        """Begin with tank 1."""
+    def ask(self, tanks: Sequence[int]) -> None:
+        """Begin with the first of these tanks (0 to 3)."""
         self._lines = self._lines or TypedLines()
-        self._tank = 0
+        self._tanks = list(tanks)
         self._prompt()
 
     def take(self) -> tuple[Level, ...]:
@@ -37,7 +38,7 @@ class TerminalRuler:
         try:
             line = self._lines.next()
         except EOFError:
-            self._tank = 4
+            self._tanks = []
             return ()
         if line is None:
             return ()
@@ -46,13 +47,13 @@ class TerminalRuler:
             self._texts.put(f"{line!r} is no level in cm within 0..{MAX_CM:g}")
             self._prompt()
             return ()
-        tank, self._tank = self._tank, self._tank + 1
+        tank = self._tanks.pop(0)
         self._prompt()
         return ((tank, level, SD_CM),) if isfinite(level) else ()
 
     def is_done(self) -> bool:
-        """Whether all four tanks were asked for."""
-        return self._tank >= 4
+        """Whether all tanks were asked for."""
+        return not self._tanks
 
     def _level(self, line: str) -> float | None:
         """The level, NaN for an empty line, None for what is no level."""
@@ -66,7 +67,9 @@ class TerminalRuler:
 
     def _prompt(self) -> None:
         text = (
-            "thank you" if self.is_done() else f"level of tank {self._tank + 1} by the ruler, cm (Enter: leave it out):"
+            "thank you"
+            if self.is_done()
+            else f"level of tank {self._tanks[0] + 1} by the ruler, cm (Enter: leave it out):"
         )
         self._texts.put(text)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import count
-from math import sqrt
+from math import inf, nan, sqrt
 
 from hil.core.experiment import Envelope, Phase, Segment, Until
 from hil.core.pumps import PumpPath
@@ -24,12 +24,24 @@ STILL_S, MIN_STILL_S = 8.0, 2.0
 MIN_FILLING_S = 10.0
 """However short the experiment."""
 
-RULER_SHARE = 0.72
-"""Share of `safety.level_max_cm` at which levels are read: the higher, the less a millimetre counts."""
+RULER_SHARES = (0.86, 0.82, 0.85, 0.81, 0.84, 0.8)
+"""Shares of `safety.level_max_cm` at which levels are read: the higher, the less a millimetre counts.
 
-STANDING_S, MAX_STANDING_S = 10.0, 90.0
-MAX_READING_S = 600.0
-"""How long the rig waits for somebody to read the levels."""
+Each reading is at another height, so that it is a new one, and the steps between them are small, so that the levels
+soon stand still. How many are needed: docs/decisions/0043-levels-by-a-ruler.md.
+"""
+
+RULER_TOP_SHARE = 0.92
+"""Top of the lower tanks while their levels are read."""
+
+ALL_TANKS = (0, 1, 2, 3)
+
+STANDING_S, MAX_STANDING_S = 10.0, 50.0
+MAX_READING_S = 300.0
+"""How long the rig waits for somebody to read the levels, each time."""
+
+MAX_RISING_S = 6.0
+"""How long a pump runs at its highest voltage for an upper level that has not risen before."""
 
 RULER = "ruler"
 
@@ -75,7 +87,14 @@ def envelope(spec: PlanSpec) -> Envelope:
         bound_cm=min(min(spec.model.height_cm) - 2.0 * spec.rim_margin_cm, spec.level_max_cm),
         share=(A3 / A1, A4 / A2),
         low_cm=LOW_SHARE * spec.level_max_cm,
+        flows=_flows(spec.model),
     )
+
+
+def _flows(model: TankModel) -> tuple[Pair, Pair]:
+    """(2, 2) flow into both tanks of the left and of the right side, for 1 V of each pump."""
+    (k1, k2), (gamma1, gamma2) = model.pump_gain_cm3_Vs, model.valve_split
+    return (gamma1 * k1, (1.0 - gamma2) * k2), ((1.0 - gamma1) * k1, gamma2 * k2)
 
 
 def plan(spec: PlanSpec) -> tuple[Phase, ...]:
@@ -92,10 +111,12 @@ def plan(spec: PlanSpec) -> tuple[Phase, ...]:
     return _spread(phases, spec.pumps)
 
 
-def _at(spec: PlanSpec, first: float, second: float, max_s: float, until: Until = Until.TIME, **more: float) -> Segment:
+def _at(
+    spec: PlanSpec, first: float, second: float, max_s: float, until: Until = Until.TIME, level_cm: float = inf
+) -> Segment:
     """A segment with multiples of the base drives."""
     base1, base2 = spec.base_drives
-    return Segment(_voltage(spec, (first * base1, second * base2)), max_s * spec.time_scale, until, **more)
+    return Segment(_voltage(spec, (first * base1, second * base2)), max_s * spec.time_scale, until, level_cm)
 
 
 def _spread(phases: list[Phase], pumps: PumpPath) -> tuple[Phase, ...]:
@@ -133,11 +154,19 @@ def _voltage(spec: PlanSpec, drives: Pair) -> Pair:
 
 
 def _fill(spec: PlanSpec) -> Phase:
+    """Both pumps fill all tanks.
+
+    An upper tank whose outlet lies below its zero stays empty at small flows: then its pump runs at its highest voltage
+    for some seconds, before the level sensor is called wrong.
+    """
+    high_V = spec.pumps.range_V[1]
     middle_cm = MIDDLE_SHARE * spec.level_max_cm
     segments = (
         Segment((0.0, 0.0), MAX_EMPTYING_S, Until.STILL, still_s=max(STILL_S * spec.time_scale, MIN_STILL_S)),
         _at(spec, 1.4, 1.4, max(60.0, MIN_FILLING_S / spec.time_scale), Until.FILLED, level_cm=middle_cm),
         _at(spec, 1.0, 1.0, 25.0),
+        Segment((high_V, 0.0), MAX_RISING_S, Until.RISEN, tanks=(3,)),
+        Segment((0.0, high_V), MAX_RISING_S, Until.RISEN, tanks=(2,)),
     )
     text = "pumps at 0 V until the tanks are empty, then both pumps fill them"
     return Phase("fill", text, segments, empties=True)
@@ -178,17 +207,24 @@ def _fast(spec: PlanSpec) -> Phase:
 
 
 def _ruler(spec: PlanSpec) -> Phase:
-    aim_cm = RULER_SHARE * spec.level_max_cm
-    still_s = max(STANDING_S * spec.time_scale, MIN_STILL_S)
+    """Both lower levels come near the top and are read at several heights.
+
+    All tanks are read at first, then those that are full enough for a millimetre to be little.
+    """
+    standing_s = max(STANDING_S * spec.time_scale, MIN_STILL_S)
     base_V = _at(spec, 1.2, 1.2, 1.0).voltage_V
-    segments = (
-        _at(spec, 1.2, 1.2, 60.0),
-        Segment(base_V, 60.0 * spec.time_scale, aim_cm=aim_cm),
-        Segment(base_V, 60.0 * spec.time_scale, aim_cm=aim_cm),
-        Segment(base_V, MAX_STANDING_S * spec.time_scale, Until.STILL, still_s=still_s),
-        Segment(base_V, MAX_READING_S, Until.ANSWERED),
-    )
-    return Phase(RULER, "high levels at constant voltages; somebody reads them by a ruler", segments)
+    first_cm = RULER_SHARES[0] * spec.level_max_cm
+    segments = [_at(spec, 1.2, 1.2, 30.0), *[Segment(base_V, 35.0 * spec.time_scale, aim_cm=first_cm)] * 3]
+    for share in RULER_SHARES:
+        is_first = share == RULER_SHARES[0]
+        wait_s = (MAX_STANDING_S if is_first else 0.5 * MAX_STANDING_S) * spec.time_scale
+        aim_cm = nan if is_first else share * spec.level_max_cm
+        segments += [
+            Segment(base_V, wait_s, Until.STILL, still_s=standing_s, aim_cm=aim_cm),
+            Segment(base_V, MAX_READING_S, Until.ANSWERED, tanks=ALL_TANKS if is_first else ()),
+        ]
+    text = f"high levels at constant voltages; somebody reads them by a ruler, {len(RULER_SHARES)} times"
+    return Phase(RULER, text, tuple(segments), lower_top_cm=RULER_TOP_SHARE * spec.level_max_cm)
 
 
 def _binary(spec: PlanSpec, name: str, text: str, bits: int, clock_s: float, shares: Pair, *, start: int) -> Phase:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from math import exp, isfinite, nan
+from sys import maxsize
 
 from hil.core import experiment, supervisor
 from hil.core.controller import Output
@@ -22,6 +23,9 @@ from hil.core.types import Event, Inputs, Mode, Pair, Quad, Severity, TickRecord
 
 FAILED = "experiment_failed"
 """The reason of a phase that has stopped itself; the event `experiment` says why."""
+
+READ_SHARE = 0.4
+"""Levels below this share of the highest one are read once: a millimetre is too much of them."""
 
 NO_PAIR: Pair = (nan, nan)
 NO_GAIN = (0.0,) * 12
@@ -52,13 +56,13 @@ class ExperimentState:
 
 
 class ExperimentSteps:
-    """What the loop calls, see `hil.core.steps`. is_answered : whether the levels that a phase waits for were read."""
+    """What the loop calls, see `hil.core.steps`. answered : how often the levels have been read in this phase."""
 
-    def __init__(self, config: ExperimentConfig, is_answered: Callable[[], bool] = lambda: True) -> None:
+    def __init__(self, config: ExperimentConfig, answered: Callable[[], int] = lambda: maxsize) -> None:
         self.config = config
         self.limits = config.limits
         self.sensors = config.sensors
-        self._is_answered = is_answered
+        self._answered = answered
 
     def start(self) -> ExperimentState:
         """The state before the first step."""
@@ -66,7 +70,7 @@ class ExperimentSteps:
 
     def step(self, state: ExperimentState, inputs: Inputs, now_ns: int) -> tuple[ExperimentState, Output]:
         """One step at now_ns. The caller answers an exception with `fail`."""
-        return step(self.config, state, inputs, now_ns, is_answered=self._is_answered())
+        return step(self.config, state, inputs, now_ns, answered=self._answered())
 
     def fail(self, state: ExperimentState, cause: TripCause, text: str) -> tuple[ExperimentState, Output]:
         """State and output for a step that raised an exception: trip, 0 V in the same step."""
@@ -84,7 +88,7 @@ class ExperimentSteps:
 
 
 def step(
-    config: ExperimentConfig, state: ExperimentState, inputs: Inputs, now_ns: int, *, is_answered: bool = False
+    config: ExperimentConfig, state: ExperimentState, inputs: Inputs, now_ns: int, *, answered: int = 0
 ) -> tuple[ExperimentState, Output]:
     """One step at now_ns (monotonic). The command is always safe."""
     if state.progress is None:
@@ -100,8 +104,8 @@ def step(
     progress = before
     if state.supervision.mode.is_controlling and all(map(isfinite, level_cm)):
         t_s = (now_ns - state.started_ns) * 1e-9
-        progress = experiment.advance(config.phase, config.envelope, before, t_s, level_cm, is_answered=is_answered)
-        events += _events(config.phase, before, progress)
+        progress = experiment.advance(config.phase, config.envelope, before, t_s, level_cm, answered=answered)
+        events += _events(config.phase, before, progress, level_cm)
     state = _observed(config, state, inputs, level_cm, now_ns)
     if progress.is_over or progress.problem:
         inputs = replace(inputs, stop_requested=True)
@@ -141,7 +145,7 @@ def _belief(state: ExperimentState, level_cm: Quad) -> Belief:
     return Belief(level_cm=level_cm, pump_V=state.drive_V, is_dry=state.dry.is_dry)
 
 
-def _events(phase: Phase, before: PhaseState, now: PhaseState) -> tuple[Event, ...]:
+def _events(phase: Phase, before: PhaseState, now: PhaseState, level_cm: Quad) -> tuple[Event, ...]:
     if now.problem:
         return (Event(Severity.ERROR, "experiment", f"the phase stops: {now.problem}", {"phase": "failed"}),)
     if now.is_over:
@@ -152,8 +156,18 @@ def _events(phase: Phase, before: PhaseState, now: PhaseState) -> tuple[Event, .
             text = f"pump {pump + 1} waits at 0 V: a tank that it feeds is full enough"
             events += (Event(Severity.INFO, "experiment_held", text, {"pump": pump + 1}),)
     if now.segment != before.segment and phase.segments[now.segment].until is Until.ANSWERED:
-        events += (Event(Severity.INFO, "ruler", "read the levels by a ruler now"),)
+        events += (_reading_asked(phase, now.segment, level_cm),)
     return events
+
+
+def _reading_asked(phase: Phase, segment: int, level_cm: Quad) -> Event:
+    """The event at which somebody reads the levels. tanks : from 1 on, in its data."""
+    full_enough = [i for i in range(4) if level_cm[i] >= READ_SHARE * max(level_cm)]
+    tanks = [tank + 1 for tank in phase.segments[segment].tanks or full_enough]
+    number, count = phase.readings_until(segment), phase.readings_until(len(phase.segments))
+    names = " and ".join(f"tank {tank}" for tank in tanks)
+    text = f"read by a ruler now, reading {number} of {count}: {names}"
+    return Event(Severity.INFO, "ruler", text, {"tanks": tanks, "number": number, "count": count})
 
 
 def _record(

@@ -23,7 +23,7 @@ def test_levels_come_one_tank_after_the_other_and_an_empty_line_leaves_one_out(
     typing: tuple[TerminalRuler, int],
 ) -> None:
     ruler, keys = typing
-    ruler.ask()
+    ruler.ask((0, 1, 2, 3))
     assert ruler.take() == ()
     assert not ruler.is_done()
     os.write(keys, b"12.3\n")
@@ -37,7 +37,7 @@ def test_levels_come_one_tank_after_the_other_and_an_empty_line_leaves_one_out(
 
 def test_the_end_of_the_input_ends_the_questions(typing: tuple[TerminalRuler, int]) -> None:
     ruler, keys = typing
-    ruler.ask()
+    ruler.ask((0, 1, 2, 3))
     os.close(keys)
     assert ruler.take() == ()
     assert ruler.is_done()

@@ -166,7 +166,10 @@ def test_the_ruler_is_read_in_its_phase_and_kept_beside_the_record(tmp_path: Pat
     path = folder.recorded("ruler")
     assert path is not None
     readings = read_readings(path)
-    assert [reading.tank for reading in readings] == [0, 1, 2, 3]
+    assert [reading.tank for reading in readings[:4]] == [0, 1, 2, 3]
+    later = [reading for reading in readings if reading.time_s > readings[0].time_s]
+    assert len({reading.time_s for reading in later}) == 5, "six readings in all"
+    assert {reading.tank for reading in later} == {0, 1}, "the upper tanks are low: a millimetre is too much of them"
     assert all(reading.sd_cm == 0.1 and reading.level_cm > 0.0 for reading in readings)
 
 
@@ -181,6 +184,19 @@ def test_a_ruler_phase_whose_levels_were_lost_is_not_recorded(tmp_path: Path) ->
     assert read_readings(path) == ()
     (path / "ruler.csv").unlink()
     assert folder.recorded("ruler") is None
+
+
+def test_given_levels_of_one_tank_belong_to_one_reading_after_the_other(tmp_path: Path) -> None:
+    emulator = rig()
+    options = ExperimentOptions(minutes=0.4, rerun=False, with_ruler=True)
+    stage = EmulatedStage(emulator, 1, GivenRuler([(0, 7.5, 0.2), (0, 7.0, 0.2), (3, 1.0, 0.1), (3, 1.1, 0.1)]))
+    folder = run_experiment(BENCH, options, stage, tmp_path / "x", Asked(emulator))
+    assert folder is not None
+    path = folder.recorded("ruler")
+    assert path is not None
+    first, second, third = read_readings(path)
+    assert [(one.tank, one.level_cm) for one in (first, second, third)] == [(0, 7.5), (3, 1.0), (0, 7.0)]
+    assert first.time_s == second.time_s < third.time_s
 
 
 def test_given_levels_are_those_of_the_moment_at_which_the_phase_asks(tmp_path: Path) -> None:
