@@ -1,0 +1,293 @@
+"""Feedforward: levels and drives that lead from the present operating point to the outputs wanted, by the model.
+
+The path is the motion of a model rig without noise, eq. (1) with the pumps' lags and delays, from the levels where it
+is to the target and then at rest there. Its drives keep what the pumps allow: range and rate, for the effectiveness
+that is left. So state feedback has nothing to do but to correct what the rig does otherwise, and integrals that
+integrate the deviation from the path don't learn a step of the reference.
+
+Each output is moved by its own pump as fast as that pump can, and brought to its target without overshoot:
+
+    S_i = (r_i - h_i) A_i / (g_i k_i) - what is still under way through lag and delay      in V s
+    v_i = hold_i + S_i / approach time, within range and rate
+
+hold_i keeps output i where it is. S_i is where the output would end if the drive went back to hold_i now, so lag and
+delay cause no overshoot. Once an output is there, its drive follows the tank above it, which is slower. A pump's drive
+is also limited so that the tank above neither overflows nor brings more or less water than the other output can be held
+with.
+
+With gamma1 + gamma2 < 1 the outputs can't be held while the upper tanks move: the zero is not stable. There the path is
+that of a model rig under optimal state feedback (LQR) without noise, which is as fast as the zero lets it be.
+
+The model is up to some per cent wrong. While an output is on its way, the path's level follows the level estimate
+(`FOLLOW_S`), by MAX_CORRECTION of its own movement at the most: so the movement ends where the true output arrives, and
+a sensor that has failed can't prolong it by more.
+
+Why: docs/decisions/0037-feedforward.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import exp, sqrt
+
+import numpy as np
+
+from hil.core.tanks import Array, TankModel, equilibrium, level_rates, linearise, outflows
+from hil.core.types import Pair, Quad
+
+APPROACH_S = 0.7
+"""Time constant with which an output comes to its target in the end."""
+
+FOLLOW_S = 0.5
+"""Time constant with which the path's lower levels follow the estimate on their way."""
+
+MAX_CORRECTION = 0.2
+"""Largest correction of the path's levels, as a share of the movement that the model expects: gain errors of a rig."""
+
+ARRIVED_CM = 0.06
+"""An output that is closer to its target has arrived: its path no longer follows the estimate."""
+
+BARRIER_S = 1.0
+"""Time constant with which the level of an upper tank may come close to its limit."""
+
+RANGE_MARGIN = 0.015
+"""Share of the drive range left to the feedback at either end, but for what holding the target needs."""
+
+RATE_SHARE = 0.9
+"""Share of the largest rate of the drives that the path uses."""
+
+UPPER_MARGIN_CM = 2.0
+"""The path keeps the upper levels so far below the level that trips, but for what holding the target needs."""
+
+MIN_DECOUPLED = 0.1
+"""With g1 g2 - (1 - g1)(1 - g2) above it, that is gamma1 + gamma2 > 1.1, each output has its own pump."""
+
+LQR_WEIGHT = 0.05
+"""Weight of the drives in the optimal feedback, cm^2/V^2: small enough for the zero to be what limits the speed."""
+
+MIN_LINEARISED_CM = 0.2
+MAX_PERIODS = 5
+
+UPPER_OF_PUMP = (3, 2)
+"""The upper tank that pump 1 and pump 2 feed."""
+
+
+@dataclass(frozen=True, slots=True)
+class PathLimits:
+    """What the pumps allow, for drives of healthy pumps, and the level that trips.
+
+    drives_V : smallest and largest drive, of pump 1 and of pump 2. rate_V_s : (2,) largest rate of the drives. lag_s,
+    delay_s : (2,) of the pumps. level_max_cm : of every tank. period_s : of the control.
+    """
+
+    drives_V: tuple[Pair, Pair]
+    rate_V_s: Pair
+    lag_s: Pair
+    level_max_cm: float
+    period_s: float
+    delay_s: Pair = (0.0, 0.0)
+
+    def with_effectiveness(self, effectiveness: Pair) -> PathLimits:
+        """The limits in effective drives, for pumps that have lost gain."""
+        (t1, t2), ((a1, b1), (a2, b2)), (r1, r2) = effectiveness, self.drives_V, self.rate_V_s
+        return replace(self, drives_V=((t1 * a1, t1 * b1), (t2 * a2, t2 * b2)), rate_V_s=(t1 * r1, t2 * r2))
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """Where a path leads: what holds the lower levels wanted, by the model.
+
+    level_cm : (4,) at rest. drive_V : (2,) effective drives that hold them. gain : (2, 4) LQR gain in V/cm where the
+    outputs can't be moved each by its own pump, otherwise None.
+    """
+
+    level_cm: Quad
+    drive_V: Pair
+    gain: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FeedforwardPath:
+    """Where the path is at one step.
+
+    level_cm : (4,). flow_V : (2,) effective drives after the lag. drive_V : (2,) effective drives from this step on.
+    under_way : effective drives of earlier periods that have not arrived yet, the oldest first, for each pump.
+    """
+
+    level_cm: Quad
+    flow_V: Pair
+    drive_V: Pair
+    under_way: tuple[tuple[float, ...], tuple[float, ...]] = ((), ())
+
+
+def is_decoupled(model: TankModel) -> bool:
+    """Whether each output can be moved and held by its own pump: the zeros are stable, and not close to 0."""
+    (g1, g2), (part3, part4) = model.valve_split, model.arriving
+    return g1 * g2 - part3 * part4 * (1.0 - g1) * (1.0 - g2) >= MIN_DECOUPLED
+
+
+def target_of(model: TankModel, drive_V: Pair) -> Target:
+    """The target that these effective drives (2,) hold."""
+    held_V = max(drive_V[0], 0.0), max(drive_V[1], 0.0)
+    levels = equilibrium(model, held_V)
+    return Target(levels, held_V, None if is_decoupled(model) else _lqr_gain(model, levels))
+
+
+def at_rest(target: Target, limits: PathLimits) -> FeedforwardPath:
+    """The path when it has arrived."""
+    return _path(target.level_cm, target.drive_V, limits)
+
+
+def taken_over(level_cm: Quad, drive_V: Pair, limits: PathLimits) -> FeedforwardPath:
+    """A path that begins at these levels (4,), with pumps that run at these effective drives (2,)."""
+    return _path(level_cm, drive_V, limits)
+
+
+def _path(level_cm: Quad, drive_V: Pair, limits: PathLimits) -> FeedforwardPath:
+    first, second = (round(delay_s / limits.period_s) for delay_s in limits.delay_s)
+    return FeedforwardPath(level_cm, drive_V, drive_V, ((drive_V[0],) * first, (drive_V[1],) * second))
+
+
+def advance(
+    model: TankModel,
+    limits: PathLimits,
+    path: FeedforwardPath,
+    target: Target,
+    estimate_cm: Quad | None,
+    rate_cm_s: Pair = (0.0, 0.0),
+    periods: int = 1,
+) -> FeedforwardPath:
+    """The path at the next step, with the drives from then on.
+
+    limits : in effective drives. estimate_cm : (4,) level estimate at the next step, None if the path is not to follow
+    it. rate_cm_s : (2,) at which the target's lower levels move. periods : of the control since the last step.
+    """
+    for _ in range(min(max(periods, 1), MAX_PERIODS)):
+        path = _moved(model, limits, path)
+    if estimate_cm is not None:
+        path = _following(model, limits, path, target, estimate_cm)
+    return replace(path, drive_V=_drives(model, limits, path, target, rate_cm_s))
+
+
+def _moved(model: TankModel, limits: PathLimits, path: FeedforwardPath) -> FeedforwardPath:
+    """The model rig one period later: Heun's rule, with the mean of the lagged drives."""
+    dt, flows, means, queues = limits.period_s, [], [], []
+    for pump in (0, 1):
+        queue = (*path.under_way[pump], path.drive_V[pump])
+        lag, before = limits.lag_s[pump], path.flow_V[pump]
+        decay = exp(-dt / lag) if lag > 0.0 else 0.0
+        flows.append(queue[0] + (before - queue[0]) * decay)
+        means.append(queue[0] + (before - queue[0]) * (1.0 - decay) * lag / dt)
+        queues.append(queue[1:])
+    drive, h = (means[0], means[1]), path.level_cm
+    first = level_rates(model, h, drive)
+    second = level_rates(model, _shifted(model, h, first, dt), drive)
+    (a1, a2, a3, a4), (b1, b2, b3, b4) = first, second
+    mean = (0.5 * (a1 + b1), 0.5 * (a2 + b2), 0.5 * (a3 + b3), 0.5 * (a4 + b4))
+    return FeedforwardPath(_shifted(model, h, mean, dt), (flows[0], flows[1]), path.drive_V, (queues[0], queues[1]))
+
+
+def _shifted(model: TankModel, level_cm: Quad, rate_cm_s: Quad, dt: float) -> Quad:
+    h1, h2, h3, h4 = (
+        min(max(h + dt * rate, 0.0), top) for h, rate, top in zip(level_cm, rate_cm_s, model.height_cm, strict=True)
+    )
+    return h1, h2, h3, h4
+
+
+def _following(
+    model: TankModel, limits: PathLimits, path: FeedforwardPath, target: Target, estimate_cm: Quad
+) -> FeedforwardPath:
+    """The path with lower levels that follow the estimate, as far as they are on their way."""
+    share = min(limits.period_s / FOLLOW_S, 1.0)
+    rates = level_rates(model, path.level_cm, path.flow_V)
+    levels = list(path.level_cm)
+    for output in (0, 1):
+        if abs(target.level_cm[output] - levels[output]) > ARRIVED_CM:
+            most = MAX_CORRECTION * abs(rates[output]) * limits.period_s
+            levels[output] += min(max(share * (estimate_cm[output] - levels[output]), -most), most)
+    return replace(path, level_cm=(levels[0], levels[1], levels[2], levels[3]))
+
+
+def _drives(model: TankModel, limits: PathLimits, path: FeedforwardPath, target: Target, rate_cm_s: Pair) -> Pair:
+    """(2,) effective drives for the next period."""
+    if target.gain is None:
+        wanted = _decoupled(model, limits, path, target, rate_cm_s)
+    else:
+        x = [h - rest for h, rest in zip(path.level_cm, target.level_cm, strict=True)]
+        rows = (sum(k * value for k, value in zip(row, x, strict=True)) for row in target.gain)
+        wanted = [held - moved for held, moved in zip(target.drive_V, rows, strict=True)]
+    v1, v2 = (_limited(model, limits, path, target, pump, wanted[pump]) for pump in (0, 1))
+    return v1, v2
+
+
+def _decoupled(
+    model: TankModel, limits: PathLimits, path: FeedforwardPath, target: Target, rate_cm_s: Pair
+) -> list[float]:
+    out = outflows(model, path.level_cm, path.flow_V)
+    wanted = []
+    for i in (0, 1):
+        effect = model.valve_split[i] * model.pump_gain_cm3_Vs[i]
+        hold = (out[i] - model.arriving[i] * out[i + 2] + model.area_cm2[i] * rate_cm_s[i]) / effect
+        ahead = (target.level_cm[i] - path.level_cm[i]) * model.area_cm2[i] / effect
+        ahead -= limits.lag_s[i] * (path.flow_V[i] - hold)
+        ahead -= limits.period_s * sum(drive - hold for drive in path.under_way[i])
+        wanted.append(hold + ahead / max(APPROACH_S, limits.period_s))
+    return wanted
+
+
+def _limited(
+    model: TankModel, limits: PathLimits, path: FeedforwardPath, target: Target, pump: int, wanted_V: float
+) -> float:
+    """The drive of one pump within range, rate, and what the tank above may take."""
+    (low, high), held = limits.drives_V[pump], target.drive_V[pump]
+    margin = RANGE_MARGIN * (high - low)
+    least, most = min(low + margin, max(held, low)), max(high - margin, min(held, high))
+    floor, ceiling = _upper_bounds(model, limits, path, target, pump)
+    drive = min(max(wanted_V, floor), ceiling)
+    step = RATE_SHARE * limits.rate_V_s[pump] * limits.period_s
+    before = path.drive_V[pump]
+    drive = min(max(drive, before - step), before + step)
+    return min(max(drive, least), most)
+
+
+def _upper_bounds(model: TankModel, limits: PathLimits, path: FeedforwardPath, target: Target, pump: int) -> Pair:
+    """Smallest and largest drive of a pump for the tank above, so that the output below it can be held at its target.
+
+    The output below needs hold = (outflow - what arrives from above) / effect of its own pump, within its range.
+    """
+    upper, below = UPPER_OF_PUMP[pump], 1 - pump
+    area, outlet, datum = model.area_cm2[upper], model.outlet_cm2[upper], model.datum_cm[upper]
+    per_root = outlet * sqrt(2.0 * model.gravity_cm_s2)
+    per_drive = (1.0 - model.valve_split[pump]) * model.pump_gain_cm3_Vs[pump]
+    if per_drive <= 0.0:
+        return -np.inf, np.inf
+    level, rest = path.level_cm[upper], target.level_cm[upper]
+    own_effect = model.valve_split[below] * model.pump_gain_cm3_Vs[below]
+    (low, high), arriving = limits.drives_V[below], model.arriving[upper - 2]
+    margin = RANGE_MARGIN * (high - low)
+    out_below = model.outlet_cm2[below] * sqrt(
+        2.0 * model.gravity_cm_s2 * (target.level_cm[below] + model.datum_cm[below])
+    )
+    highest = max(limits.level_max_cm - UPPER_MARGIN_CM, rest)
+    lowest = 0.0
+    if target.gain is None and arriving > 0.0:
+        most_out = max((out_below - own_effect * (low + margin)) / arriving, 0.0)
+        least_out = max((out_below - own_effect * (high - margin)) / arriving, 0.0)
+        highest = min(highest, max((most_out / per_root) ** 2 - datum, rest))
+        lowest = min(max((least_out / per_root) ** 2 - datum, 0.0), rest)
+    out = per_root * sqrt(max(level + datum, 0.0))
+    ceiling = (out + area * (highest - level) / BARRIER_S) / per_drive
+    floor = (out + area * (lowest - level) / BARRIER_S) / per_drive
+    return floor, max(ceiling, floor)
+
+
+def _lqr_gain(model: TankModel, level_cm: Quad) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Optimal state feedback (2, 4), V/cm, at these levels, for the lower levels' squared errors."""
+    from scipy.linalg import solve_continuous_are
+
+    h1, h2, h3, h4 = (max(h, MIN_LINEARISED_CM) for h in level_cm)
+    linear = linearise(model, (h1, h2, h3, h4))
+    Q = np.diag([1.0, 1.0, 0.0, 0.0])
+    P: Array = solve_continuous_are(linear.A, linear.B, Q, LQR_WEIGHT * np.eye(2))
+    first, second = (linear.B.T @ P / LQR_WEIGHT).tolist()
+    return tuple(first), tuple(second)
