@@ -11,7 +11,8 @@ from hil.bench.designs import DESIGNS
 from hil.bench.dry_step import FAILURES
 from hil.core.eigenstructure import ComplexArray, augment
 from hil.core.gain_design import CalibratedDesign, GainDesign, RigDesign, closed_loop_poles, gain_matrix, noise_gain
-from hil.core.tanks import Array, LinearModel, equilibrium, linearise, transmission_zeros
+from hil.core.nonminimum_phase import AnySplitDesign
+from hil.core.tanks import Array, LinearModel, equilibrium, linearise, relative_gains, transmission_zeros
 from hil.core.types import Pair, Quad
 from hil.edge.config.rig_file import Rig
 from hil.edge.config.settings_file import SettingsError
@@ -89,15 +90,8 @@ def process_figures(rig: Rig) -> ProcessFigures:
     levels = equilibrium(model, rig.operating_drives)
     linear = linearise(model, levels)
     return ProcessFigures(
-        rig.control.operating_point_V, levels, linear, transmission_zeros(linear), relative_gain_array(linear)
+        rig.control.operating_point_V, levels, linear, transmission_zeros(linear), relative_gains(linear)
     )
-
-
-def relative_gain_array(linear: LinearModel) -> Array:
-    """(2, 2) RGA at rest, G(0) times the transpose of its inverse, element by element; rows outputs, columns pumps."""
-    G = -linear.C @ np.linalg.solve(linear.A, linear.B)
-    rga: Array = G * np.linalg.inv(G).T
-    return rga
 
 
 def design_figures(rig: Rig, design: str | GainDesign, where: str) -> DesignFigures:
@@ -144,6 +138,8 @@ def stable_ones(rig: Rig, where: str) -> str:
 
 def _requested_poles(design: GainDesign, linear: LinearModel) -> Array | ComplexArray | None:
     """Poles requested by a design by eigenstructure assignment; None for any other design."""
+    if isinstance(design, AnySplitDesign):
+        design = design.at(linear)
     if isinstance(design, RigDesign):
         return design.structure(linear).requested_poles
     if isinstance(design, CalibratedDesign):

@@ -114,7 +114,7 @@ class RigDesign:
         if zeros.max() >= 0.0:
             raise DesignError(
                 f"transmission zero at {zeros.max():+.4g} 1/s: with gamma1 + gamma2 < 1 "
-                "the outputs can't be decoupled stably; this rig needs another design, which comes later"
+                "the outputs can't be decoupled stably"
             )
         poles = np.array([*self.output_poles[0], *self.output_poles[1], *zeros])
         A, B = augment(linear)

@@ -241,6 +241,19 @@ def transmission_zeros(linear: LinearModel) -> Array:
     return np.sort(np.linalg.eigvals(pencil).real)
 
 
+def relative_gains(linear: LinearModel) -> Array:
+    """(2, 2) RGA at rest, G(0) times the transpose of its inverse, element by element; rows outputs, columns pumps.
+
+    Without unit; its size grows without limit towards gamma1 + gamma2 = 1. There G(0) has no inverse, and the entries
+    are infinite. E. H. Bristol, IEEE Trans. Automatic Control 11(1), 1966.
+    """
+    G = linear.C @ np.linalg.solve(linear.A, linear.B)
+    straight, crossed = float(G[0, 0] * G[1, 1]), float(G[0, 1] * G[1, 0])
+    apart = straight - crossed
+    first = straight / apart if apart != 0.0 else np.inf
+    return np.array([[first, 1.0 - first], [1.0 - first, first]])
+
+
 @dataclass(frozen=True, slots=True)
 class ReachableTarget:
     """The lower levels in force, the effective voltages that hold them, and why they are not the wanted ones.
