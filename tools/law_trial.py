@@ -88,10 +88,11 @@ class Course:
         return first, second
 
     def noise(self, begin_s: float, end_s: float) -> float:
-        """Standard deviation of the wanted drives about their trend of 2 s, of the noisier pump."""
-        wanted = self.wanted_V[(self.t_s >= begin_s) & (self.t_s < end_s)]
-        differences = np.diff(wanted, axis=0)
-        return float(np.max(np.std(differences, axis=0)) / sqrt(2.0))
+        """Standard deviation of the wanted drives about a straight line, of the noisier pump, V."""
+        inside = (self.t_s >= begin_s) & (self.t_s < end_s)
+        line = np.polynomial.polynomial.polyfit(self.t_s[inside], self.wanted_V[inside], 1)
+        trend = np.polynomial.polynomial.polyval(self.t_s[inside], line).T
+        return float(np.max(np.std(self.wanted_V[inside] - trend, axis=0)))
 
     def overshoot(self, begin_s: float, end_s: float, smallest_V: float = 0.02) -> float:
         """Largest excursion past a reference that moved at begin_s, over the size of its move."""

@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 from hil.core.control_law import ControlLaw
+from hil.core.laws.command_governor import CommandGovernor
 from hil.core.laws.decentralised_pi import DecentralisedPi
 from hil.core.laws.feedback_linearisation import FeedbackLinearisation
+from hil.core.laws.fuzzy_predictive import fuzzy_predictive
 from hil.core.laws.law_plant import LawPlant
 from hil.core.laws.linear_quadratic import LinearQuadraticDesign, WeightedFeedback
+from hil.core.laws.predictive import PredictiveControl
 from hil.core.reconfiguration import Reconfiguration
 from hil.core.tanks import TankModel, equilibrium
 from hil.core.types import Pair
@@ -29,7 +32,7 @@ def johansson_pi(plant: LawPlant) -> DecentralisedPi:
 
 
 def lqr(plant: LawPlant) -> WeightedFeedback:
-    design = LinearQuadraticDesign(10.0, 0.1, 1.0)
+    design = LinearQuadraticDesign(6.0, 0.1, 0.3)
     reconfiguration = Reconfiguration(plant.model, design, LIMIT_V, plant.operating_V)
     return WeightedFeedback(reconfiguration, PERIOD_S, 5.0, 0.7)
 
@@ -40,6 +43,11 @@ def laws(plant: LawPlant) -> dict[str, ControlLaw]:
         "pi": DecentralisedPi(plant, (8.0, 8.0), (12.0, 12.0)),
         "lqr": lqr(plant),
         "feedback_linearisation": FeedbackLinearisation(plant, 1.0, 0.25),
+        "governor": CommandGovernor(plant, lqr(plant)),
+        "mpc": PredictiveControl(plant, 60.0, 0.01, 4.0),
+        "fuzzy_mpc": fuzzy_predictive(
+            PredictiveControl(plant, 60.0, 0.01, 4.0, has_fixed_model=True), 0.02, 0.001, 0.05, 0.05
+        ),
     }
 
 

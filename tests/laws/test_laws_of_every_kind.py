@@ -67,8 +67,8 @@ def test_a_dead_pump_leaves_the_other_within_its_range(name: str) -> None:
 
 @every_law
 def test_empty_tanks_are_filled_along_a_ramp(name: str) -> None:
-    ramp = tuple((k, (min(REST[0] * k / 200.0, REST[0]), min(REST[1] * k / 200.0, REST[1]))) for k in range(201))
-    got = course(name, Trial(220.0, ramp, level_cm=(0.0, 0.0, 0.0, 0.0), noise_V=0.0))
+    ramp = tuple((k, (min(REST[0] * k / 110.0, REST[0]), min(REST[1] * k / 110.0, REST[1]))) for k in range(111))
+    got = course(name, Trial(125.0, ramp, level_cm=(0.0, 0.0, 0.0, 0.0), noise_V=0.0))
     assert np.isfinite(got.wanted_V).all()
     assert np.abs(got.outputs[-1] - REST).max() < 0.25
     assert (got.outputs - REST).max() < 0.6
