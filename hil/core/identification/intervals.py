@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from hil.core.identification.noise_model import Whitened
 
@@ -46,7 +46,7 @@ def is_white(residual: Array) -> bool:
         return True
     shares = np.array([float(centred[lag:] @ centred[:-lag]) / square for lag in range(1, TEST_LAGS + 1)])
     statistic = n * (n + 2.0) * float(np.sum(shares**2 / (n - np.arange(1, TEST_LAGS + 1))))
-    return statistic < float(chi2.ppf(1.0 - TEST_LEVEL, TEST_LAGS))
+    return statistic < 2.0 * float(gammaincinv(TEST_LAGS / 2.0, 1.0 - TEST_LEVEL))  # the quantile of chi2
 
 
 def coloured_channels(white: Whitened) -> tuple[int, ...]:

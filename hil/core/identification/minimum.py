@@ -10,7 +10,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from hil.core.identification.parameters import RigModel
 from hil.core.identification.records import LevelRecord
@@ -71,6 +70,8 @@ class LeastSquares:
 
     def minimum(self, values: Array, tolerance: float) -> Minimum:
         """Minimise from these values on, until the cost falls by a smaller share than the tolerance."""
+        from scipy.optimize import least_squares  # here: a run that fits nothing need not load it
+
         wanted = self.unknowns
         priors = np.flatnonzero(np.isfinite(wanted.prior_sd))
         plain = len(priors) + len(wanted.names)

@@ -14,7 +14,6 @@ from math import exp, log, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from hil.core.identification.parameters import RigModel
 from hil.core.identification.whitening import whitened_side
@@ -251,6 +250,8 @@ def _normal(white: Array, logdet: float) -> tuple[Array, Array, float, float]:
 def _best_side(
     data: SideData, side: int, noise: NoiseModel, others: tuple[Array, Array], is_first: bool, white_sd: float
 ) -> NoiseModel:
+    from scipy.optimize import minimize  # here: a run that fits nothing need not load it
+
     lower, upper = SIDES[side]
 
     def with_logs(x: Array) -> NoiseModel:
