@@ -36,9 +36,10 @@ Schedule = Sequence[tuple[float, Pair]]
 
 @dataclass(frozen=True, slots=True)
 class References:
-    """References (2,) in V, each from its time on."""
+    """References (2,) in V, each from its time on; a trial has no start phase."""
 
     schedule: Schedule
+    start: None = None
 
     def at(self, t_s: float) -> Pair:
         """Those of a time; before the first, the first."""
@@ -156,9 +157,11 @@ def run(law: ControlLaw, known: TankModel, truth: TankModel, trial: Trial, seed:
             diagnosis=Diagnosis(effectiveness=reported),
             followed=Followed(effectiveness=reported),
             reference_V=references.at(t_s),
+            requested_V=references.at(t_s),
             references=references,
             wanted_V=wanted,
             given_V=given,
+            excess_V=(wanted[0] - given[0], wanted[1] - given[1]) if authority is Authority.LAW else (0.0, 0.0),
             authority=authority,
         )
         if memory is None:

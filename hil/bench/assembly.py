@@ -14,15 +14,16 @@ from hil.bench.design_figures import stable_ones
 from hil.bench.designs import DESIGNS
 from hil.bench.detectors import DETECTORS
 from hil.bench.dry_step import FAILURES, DryStepError, try_out
+from hil.bench.laws import STATE_FEEDBACK, LawSetup, make_law
 from hil.core.active_isolation import ProbeConfig
 from hil.core.closed_loop import LoopConfig
+from hil.core.control_law import ControlLaw
 from hil.core.controller import ControllerConfig, Output
 from hil.core.diagnosis.detector import FaultDetector
 from hil.core.eigenstructure import DesignError
 from hil.core.estimator import LevelFilter
 from hil.core.gain_design import GainDesign
 from hil.core.interlocks import Limits
-from hil.core.reconfiguration import Reconfiguration
 from hil.core.start_phase import StartConfig
 from hil.core.tanks import equilibrium
 from hil.core.types import Action, Inputs, Mode, Pair, Quad, Request, TripCause
@@ -42,7 +43,7 @@ class Bench:
     """A scenario with the rig and the contract that it runs on, all checked, and the files that they came from.
 
     rig_file : a rig file for controller and emulator; None: `rig.toml` and `emulator.toml` of the configuration folder.
-    design, detector : objects of the user's own, used instead of what the scenario names; None: what it names.
+    design, detector, law : objects of the user's own, used instead of what the scenario names; None: what it names.
     """
 
     scenario: Scenario
@@ -53,6 +54,7 @@ class Bench:
     rig_file: Path | None = None
     design: GainDesign | None = None
     detector: FaultDetector | None = None
+    law: ControlLaw | None = None
 
     @property
     def rig_path(self) -> Path:
@@ -77,15 +79,16 @@ def load(
     rig: str | Path | None = None,
     design: str | GainDesign | None = None,
     detector: str | FaultDetector | None = None,
+    law: str | ControlLaw | None = None,
 ) -> Bench:
     """Read and check everything; raises SettingsError with one line that names file and key.
 
-    scenario, rig : path or shipped name. design, detector : a name or an object in place of the scenario's.
+    scenario, rig : path or shipped name. design, detector, law : a name or an object in place of the scenario's.
     """
     config = config_dir or default_config_dir()
     path = find_scenario(scenario, config_dir)
     rig_file = None if rig is None else find_rig(rig, config_dir)
-    settings = _with_choices(load_scenario(path), design, detector)
+    settings = _with_choices(load_scenario(path), design, detector, law)
     bench = Bench(
         settings,
         load_rig(rig_file or config / "rig.toml", settings, path),
@@ -95,6 +98,7 @@ def load(
         rig_file,
         None if isinstance(design, str) else design,
         None if isinstance(detector, str) else detector,
+        None if isinstance(law, str) else law,
     )
     check(bench)
     return bench
@@ -102,14 +106,15 @@ def load(
 
 def check(bench: Bench) -> None:
     """Try the settings out before anything moves. Raises SettingsError that names the file and what is wrong."""
-    choice = bench.scenario.control.design
+    control = bench.scenario.control
+    choice = f"design {control.design!r}" if control.law == STATE_FEEDBACK else f"law {control.law!r}"
     try:
         with np.errstate(all="ignore"):  # values that are not finite are refused below
             try_out(controller_config(bench))
     except SettingsError:
         raise
     except DryStepError as error:
-        raise SettingsError(f"{_where(bench)}: control (design {choice!r}): {error}") from None
+        raise SettingsError(f"{_where(bench)}: control ({choice}): {error}") from None
     except FAILURES as error:
         what = f"{type(error).__name__}: {error}"
         raise SettingsError(f"{_where(bench)}: no controller can be computed from these values: {what}") from None
@@ -121,17 +126,30 @@ def _where(bench: Bench) -> str:
 
 
 def _with_choices(
-    scenario: Scenario, design: str | GainDesign | None, detector: str | FaultDetector | None
+    scenario: Scenario,
+    design: str | GainDesign | None,
+    detector: str | FaultDetector | None,
+    law: str | ControlLaw | None,
 ) -> Scenario:
-    """The scenario with the names of the design and the detector that are used; an object has its class's name."""
+    """The scenario with the names of what is used; an object has its class's name.
+
+    Options are those of the scenario's law: another one begins with its defaults.
+    """
+    control: dict[str, Any] = {}
     changes: dict[str, Any] = {}
     if design is not None:
-        name = design if isinstance(design, str) else type(design).__name__
-        changes["control"] = scenario.control.model_copy(update={"design": name})
+        control["design"] = _name(design)
+    if law is not None and _name(law) != scenario.control.law:
+        control |= {"law": _name(law), "options": {}}
+    if control:
+        changes["control"] = scenario.control.model_copy(update=control)
     if detector is not None:
-        name = detector if isinstance(detector, str) else type(detector).__name__
-        changes["diagnosis"] = scenario.diagnosis.model_copy(update={"method": name})
+        changes["diagnosis"] = scenario.diagnosis.model_copy(update={"method": _name(detector)})
     return scenario.model_copy(update=changes)
+
+
+def _name(choice: object) -> str:
+    return choice if isinstance(choice, str) else type(choice).__name__
 
 
 def load_contract(path: Path) -> Contract:
@@ -146,15 +164,13 @@ def controller_config(bench: Bench, duration_s: float | None = None) -> Controll
     """The controller of this scenario on this rig. Raises SettingsError when no design meets the rig file."""
     rig, scenario = bench.rig, bench.scenario
     model, path = rig.tank_model, rig.pump_path
-    choice = scenario.control
     loop = LoopConfig(
-        reconfiguration=Reconfiguration(model, _gain_design(bench), path.max_drives, rig.operating_drives, path),
+        law=_control_law(bench),
         detector=_fault_detector(bench),
         level_filter=LevelFilter(model, rig.lags_s, rig.control.level_filter_s),
         references=reference_schedule(scenario, rig, str(bench.scenario_path)),
-        reconfigure=choice.reconfigure,
+        reconfigure=scenario.control.reconfigure,
         period_s=rig.control.period_s,
-        anti_windup_s=rig.control.anti_windup_s,
         start=StartConfig(
             when=rig.start.when,
             rate_cm_s=rig.start.rate_cm_s,
@@ -200,6 +216,13 @@ def make_loop(
         on_tick=on_tick,
         clock_ns=clock_ns,
     )
+
+
+def _control_law(bench: Bench) -> ControlLaw:
+    """The user's own, or the one that the scenario names. Raises SettingsError."""
+    if bench.law is not None:
+        return bench.law
+    return make_law(LawSetup(bench.rig, bench.scenario, lambda: _gain_design(bench)), str(bench.scenario_path))
 
 
 def _gain_design(bench: Bench) -> GainDesign:

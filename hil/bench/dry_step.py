@@ -12,17 +12,15 @@ from math import isfinite
 import numpy as np
 
 from hil.core import controller
+from hil.core.control_law import ChecksReferences
 from hil.core.controller import ControllerConfig, ControllerState
-from hil.core.gain_design import closed_loop_poles, gain_matrix
-from hil.core.tanks import equilibrium, linearise, nearest_reachable
+from hil.core.tanks import equilibrium, holding_voltages
 from hil.core.types import BusHealth, Inputs, Measurement, NodeHealth, NodeState, Pair, PumpFeedback
 
 STEPS = 4
 """From disarmed to ready, to the first step in control, and two more: the filters' first prediction is among them."""
 
 READINGS = 5
-MIN_LEVEL_CM = 0.2
-"""Levels below it are linearised here; see `hil.core.reconfiguration`."""
 
 FAILURES = (ArithmeticError, ValueError, np.linalg.LinAlgError)
 
@@ -40,29 +38,21 @@ def try_out(config: ControllerConfig) -> None:
 
 
 def _check_law(config: ControllerConfig, at_s: float, reference_V: Pair) -> None:
-    """There is a control law for the reference, and it stabilises the rig with healthy pumps."""
+    """The law says that it can hold the reference, if it can say so."""
+    law = config.loop.law
+    if not isinstance(law, ChecksReferences):
+        return
     where = f"at the reference of {at_s:g} s ({reference_V[0]:.4g}, {reference_V[1]:.4g} V)"
-    reconfiguration = config.loop.reconfiguration
-    model, k = reconfiguration.model, reconfiguration.model.level_gain_V_cm
     try:
-        law = reconfiguration.law(reference_V, (1.0, 1.0))
-        reached = nearest_reachable(model, (reference_V[0] / k, reference_V[1] / k), reconfiguration.limit_V)
-        v1, v2 = (max(voltage, 0.0) for voltage in reached.holding_V)
-        h1, h2, h3, h4 = (max(level_cm, MIN_LEVEL_CM) for level_cm in equilibrium(model, (v1, v2)))
-        slowest = closed_loop_poles(linearise(model, (h1, h2, h3, h4)), gain_matrix(law.gains))[0]
+        law.check(reference_V)
     except FAILURES as error:
         raise DryStepError(f"no control law {where}: {error}") from None
-    except Exception as error:  # noqa: BLE001 - a design of a user's own may raise anything
-        raise DryStepError(f"the design fails {where}: {type(error).__name__}: {error}") from None
-    if not slowest.real < 0.0:
-        raise DryStepError(
-            f"the design's gain does not stabilise this rig {where}: "
-            f"its slowest closed-loop pole lies at {slowest.real:+.4g} 1/s, it must be negative"
-        )
+    except Exception as error:  # noqa: BLE001 - a law of a user's own may raise anything
+        raise DryStepError(f"the law's check fails {where}: {type(error).__name__}: {error}") from None
 
 
 def _check_steps(config: ControllerConfig) -> None:
-    """The controller from disarmed into control, on readings of a healthy rig at its operating point."""
+    """The controller from disarmed into control, on readings of a healthy rig at its first reference."""
     state = ControllerState()
     inputs = _healthy_inputs(config)
     for number in range(STEPS):
@@ -71,14 +61,20 @@ def _check_steps(config: ControllerConfig) -> None:
         except Exception as error:  # noqa: BLE001 - a design or detector of a user's own may raise anything
             raise DryStepError(f"a control step fails: {type(error).__name__}: {error}") from None
         record = output.record
-        if record is not None and not all(map(isfinite, (*record.raw_V, *record.estimated_V, *record.integral_Vs))):
+        if record is None:
+            continue
+        shown = state.loop.request.feedback if state.loop is not None else None
+        integrals = shown.integral_Vs if shown is not None else ()
+        if not all(map(isfinite, (*record.raw_V, *record.estimated_V, *record.target_V, *integrals))):
             raise DryStepError("a control step gives a value that is not finite; look at tanks, pumps and sensors")
 
 
 def _healthy_inputs(config: ControllerConfig) -> Inputs:
     limits = config.limits
     k = limits.level_gain_V_cm
-    h1, h2, h3, h4 = equilibrium(limits.model, config.loop.reconfiguration.operating_point_V)
+    (y1, y2), most = config.loop.references[0][1], config.loop.pumps.max_drives
+    v1, v2 = holding_voltages(limits.model, (y1 / k, y2 / k))
+    h1, h2, h3, h4 = equilibrium(limits.model, (min(max(v1, 0.0), most[0]), min(max(v2, 0.0), most[1])))
     return Inputs(
         measurement=Measurement((k * h1, k * h2, k * h3, k * h4), (True, True, True, True), 0.0, READINGS),
         pumps=PumpFeedback((0.0, 0.0), (0.0, 0.0), NodeState.READY, 0, 0.0, 0.0),

@@ -1,4 +1,4 @@
-"""The control loop without the supervisor: estimate, diagnose, reconfigure, feed back, integrate.
+"""The control loop without the supervisor: estimate, diagnose, and ask the control law.
 
 The decisions behind time 0 are docs/decisions/0004-time-zero.md and 0026-start-phase.md.
 """
@@ -9,17 +9,18 @@ from dataclasses import asdict, dataclass, field, replace
 from math import inf
 from typing import Any
 
-from hil.core import estimator, start_phase, state_feedback
+from hil.core import estimator, start_phase
 from hil.core.active_isolation import IDLE, ProbeState
 from hil.core.alarm_units import in_bench_units
+from hil.core.control_law import Authority, ControlLaw, LawInputs, LawRequest
 from hil.core.diagnosis.detector import FaultDetector
 from hil.core.estimator import Estimate, LevelFilter
-from hil.core.following import HEALTHY, Followed, follow
+from hil.core.following import Followed, follow
+from hil.core.law_check import checked
 from hil.core.pumps import STRAIGHT, PumpPath, UnderWay
-from hil.core.reconfiguration import Reconfiguration
+from hil.core.reference_path import TIME_TOLERANCE_S, RunReferences
 from hil.core.sensors import PLAIN, LevelSensors
 from hil.core.start_phase import StartConfig, StartPhase
-from hil.core.state_feedback import StateFeedback
 from hil.core.types import (
     UNKNOWN,
     UNRESOLVED,
@@ -28,14 +29,11 @@ from hil.core.types import (
     Event,
     Inputs,
     Measurement,
+    Mode,
     Pair,
     Quad,
     Severity,
-    Waterways,
 )
-
-TIME_TOLERANCE_S = 1e-6
-"""Tolerance for comparing times, against rounding of floats."""
 
 MAX_PREDICTED_PERIODS = 5.0
 """After a stall the estimate is predicted over at most this many control periods."""
@@ -50,53 +48,58 @@ UNSTABLE_S = 5.0
 class LoopConfig:
     """Configuration of the control loop.
 
-    references : (at_s, (r1, r2) in V), ascending in time, the first at 0. reconfigure : whether the law follows the
-    diagnosis; otherwise the gains stay as they are. anti_windup_s : see `state_feedback.advance_integral`. pumps,
-    sensors : what lies between the law's drives and the commands, and between readings and level signals. start : of
-    the start phase.
+    references : (at_s, (r1, r2) in V), ascending in time, the first at 0. reconfigure : whether the law is told of the
+    diagnosis by `LawInputs.followed`. pumps, sensors : what lies between the law's drives and the commands, and between
+    readings and level signals. start : of the start phase.
     """
 
-    reconfiguration: Reconfiguration
+    law: ControlLaw
     detector: FaultDetector
     level_filter: LevelFilter
     references: tuple[tuple[float, Pair], ...]
     reconfigure: bool
     period_s: float
-    anti_windup_s: float
     pumps: PumpPath = STRAIGHT
     sensors: LevelSensors = PLAIN
     start: StartConfig = field(default_factory=StartConfig)
 
 
 @dataclass(frozen=True, slots=True)
+class LastCommand:
+    """What became of the drives that the law asked for, see `LawInputs`. At first the pumps have what was found."""
+
+    given_V: Pair
+    excess_V: Pair = (0.0, 0.0)
+    authority: Authority = Authority.NOBODY
+
+
+@dataclass(frozen=True, slots=True)
 class LoopState:
     """State of the control loop between two steps.
 
-    started_ns : time 0 of the run, still to come in a start phase. reference_V : (2,) outputs requested, on their
-    way in a start phase. start : the start phase that the run began with, or None. law : in force. base : the same, at
-    the end of a start phase.
-    law_for : the reference, effectiveness, valve splits and waterways that the law was computed for. followed : what of
-    the diagnosis the law follows. level_cm : (4,) the levels fed back, less a probe's movement. drive_V, raw_V : (2,)
-    what law and probe ask for at this step, as drives and as voltages. unstable_since_s : since when no law is stable,
-    inf if one is. under_way : drives that have not arrived, for pumps with a delay.
+    started_ns : time 0 of the run, still to come in a start phase. reference_V : (2,) outputs to aim at; in a start
+    phase on the way to those that are requested. start : the start phase that the run began with, or None. request : of
+    the law at this step. law_memory, memory : of the law and of the detector. inputs : what the law knew. followed :
+    what of the diagnosis the law follows. drive_V, raw_V : (2,) what law and probe ask for at this step, as drives and
+    as voltages. unstable_since_s : since when the law can't hold the outputs, inf if it can. under_way :
+    drives that have not arrived, for pumps with a delay.
     """
 
     started_ns: int
     stepped_ns: int
     reference_V: Pair
-    law: StateFeedback
-    law_for: tuple[Pair, Pair, Pair | None, Waterways | None]
-    integral_Vs: Pair
+    start: StartPhase | None
+    request: LawRequest
+    law_memory: Any
+    inputs: LawInputs
+    last: LastCommand
     estimate: Estimate
     memory: Any
     diagnosis: Diagnosis
     iae_Vs: Pair
     drive_V: Pair
     raw_V: Pair
-    level_cm: Quad
     under_way: UnderWay
-    base: StateFeedback
-    start: StartPhase | None = None
     followed: Followed = field(default_factory=Followed)
     unstable_since_s: float = inf
 
@@ -106,6 +109,11 @@ class LoopState:
         return (self.stepped_ns - self.started_ns) * 1e-9
 
     @property
+    def level_cm(self) -> Quad:
+        """(4,) the levels fed back, less a probe's movement."""
+        return self.inputs.level_cm
+
+    @property
     def is_starting(self) -> bool:
         """Whether the last step was in a start phase, which ends with the step nearest to time 0."""
         return self.start is not None and self.t_s < -0.5 * self.start.period_s
@@ -113,39 +121,48 @@ class LoopState:
     @property
     def problem(self) -> str:
         """Why the outputs can't be held; "" if they can, or if it is not known for UNSTABLE_S yet."""
-        return self.law.problem if self.t_s - self.unstable_since_s >= UNSTABLE_S else ""
+        return self.request.problem if self.t_s - self.unstable_since_s >= UNSTABLE_S else ""
 
 
 def begin(config: LoopConfig, inputs: Inputs, now_ns: int) -> LoopState:
-    """State at the first step in control, which begins the start phase if the levels found need one.
-
-    From pumps at rest the integrals start at zero: the command begins with v0 plus the feedback on x, within the rate
-    limit. Pumps that already run are taken over bumplessly, at the voltages they have.
-    """
+    """State at the first step in control, which begins the start phase if the levels found need one."""
     reference, level_cm = config.references[0][1], measured_level_cm(config, inputs)
     start = start_phase.plan(config.start, config.level_filter.model, level_cm, reference, config.period_s)
-    base = config.reconfiguration.law(reference, HEALTHY)
-    law = base if start is None else start.moved(config.level_filter.model, base, -start.length_s)
+    references = RunReferences(config.references, start)
     drive_V = config.pumps.drive(inputs.pumps.applied_V)
-    integral = (0.0, 0.0)
-    if inputs.pumps.applied_V != (0.0, 0.0):
-        integral = state_feedback.bumpless_integral(law, level_cm, drive_V)
+    estimate = estimator.start(config.level_filter, inputs.measurement, drive_V)
+    last = LastCommand(given_V=drive_V)
+    t_s = 0.0 if start is None else -start.length_s
+    known = LawInputs(
+        t_s=t_s,
+        period_s=0.0,
+        level_cm=level_cm,
+        estimate=estimate,
+        diagnosis=Diagnosis(),
+        followed=Followed(),
+        reference_V=reference,
+        requested_V=reference,
+        references=references,
+        wanted_V=drive_V,
+        given_V=drive_V,
+        excess_V=last.excess_V,
+        authority=last.authority,
+    )
     return LoopState(
         started_ns=now_ns + (0 if start is None else start.length_ns),
         stepped_ns=now_ns,
         reference_V=reference,
-        law=law,
-        law_for=(reference, HEALTHY, None, None),
-        integral_Vs=integral,
-        estimate=estimator.start(config.level_filter, inputs.measurement, drive_V),
+        start=start,
+        request=LawRequest(drive_V, reference),
+        law_memory=config.law.start(known),
+        inputs=known,
+        last=last,
+        estimate=estimate,
         memory=config.detector.start(),
         diagnosis=Diagnosis(),
         iae_Vs=(0.0, 0.0),
         drive_V=(0.0, 0.0),
         raw_V=(0.0, 0.0),
-        level_cm=level_cm,
-        base=base,
-        start=start,
         under_way=UnderWay() if config.pumps.is_direct else UnderWay(((now_ns - 1, now_ns, drive_V),)),
     )
 
@@ -158,62 +175,72 @@ def step(
     period_s = (now_ns - state.stepped_ns) * 1e-9
     arrived_V, under_way = _arrived(config, state, inputs, now_ns)
     estimate, memory, diagnosis = _observe(config, state, inputs, t_s, period_s, arrived_V)
-    reference = _reference_at(config, t_s)
-    base, law_for, integral = state.base, state.law_for, state.integral_Vs
-    level_cm = _feedback_level_cm(config, inputs.measurement, diagnosis, estimate, probe)
     followed = follow(state.followed, diagnosis, t_s) if config.reconfigure else state.followed
-    requested = (reference, followed.effectiveness, followed.valve_split, followed.waterways)
-    if requested != law_for:
-        base, law_for = config.reconfiguration.law(*requested), requested
-    law = base if state.start is None else state.start.moved(config.level_filter.model, base, t_s)
-    if base is not state.base:
-        effective = state_feedback.effective_voltage(state.law, integral, level_cm)
-        integral = state_feedback.bumpless_integral(law, level_cm, effective)
-        ways = _newly_identified(config, state.followed, followed)
-        if ways is not None and not law.problem:
-            integral = config.reconfiguration.settling_integral(law, ways, level_cm)
-    v1, v2 = state_feedback.pump_voltage(law, state_feedback.effective_voltage(law, integral, level_cm))
-    drive = (v1 + probe.offset_V[0], v2 + probe.offset_V[1])
+    last, references = state.last, RunReferences(config.references, state.start)
+    requested = references.requested(t_s)
+    known = LawInputs(
+        t_s=t_s,
+        period_s=period_s,
+        level_cm=_feedback_level_cm(config, inputs.measurement, diagnosis, estimate, probe),
+        estimate=estimate,
+        diagnosis=diagnosis,
+        followed=followed,
+        reference_V=requested if state.start is None else state.start.toward(t_s, requested),
+        requested_V=requested,
+        references=references,
+        wanted_V=state.request.drive_V,
+        given_V=last.given_V,
+        excess_V=last.excess_V,
+        authority=last.authority,
+    )
+    law_memory, answer = config.law.step(state.law_memory, known)
+    request = checked(answer)
+    (v1, v2), (o1, o2) = request.drive_V, probe.offset_V
+    drive = (v1 + o1, v2 + o2)
     new = LoopState(
         started_ns=state.started_ns,
         stepped_ns=now_ns,
-        reference_V=reference if state.start is None else state.start.toward(t_s, reference),
-        law=law,
-        law_for=law_for,
-        integral_Vs=integral,
+        reference_V=known.reference_V,
+        start=state.start,
+        request=request,
+        law_memory=law_memory,
+        inputs=known,
+        last=last,
         estimate=estimate,
         memory=memory,
         diagnosis=diagnosis,
         iae_Vs=_iae(state, estimate, period_s) if t_s > TIME_TOLERANCE_S else state.iae_Vs,
         drive_V=drive,
         raw_V=config.pumps.voltage(drive),
-        level_cm=level_cm,
         under_way=under_way,
-        base=base,
-        start=state.start,
         followed=followed,
-        unstable_since_s=min(state.unstable_since_s, t_s) if law.problem else inf,
+        unstable_since_s=min(state.unstable_since_s, t_s) if request.problem else inf,
     )
     return new, _events(state, new)
 
 
-def integrate(config: LoopConfig, state: LoopState, inputs: Inputs, command_V: Pair) -> Pair:
-    """Integrals for the next step, from the command that the supervisor allowed and what the pump node applied."""
-    k, (h1, h2, _, _) = config.level_filter.model.level_gain_V_cm, state.level_cm
-    error = (state.law.target_V[0] - k * h1, state.law.target_V[1] - k * h2)
-    excess = _excess(config.pumps, state.drive_V, inputs, command_V)
-    if state.law.standby_V != (None, None):
-        effective = state_feedback.effective_voltage(state.law, state.integral_Vs, state.level_cm)
-        excess = state_feedback.undelivered(state.law, effective, excess)
-    return state_feedback.advance_integral(
-        state.law, state.integral_Vs, error, excess, config.period_s, config.anti_windup_s
-    )
+def conclude(config: LoopConfig, state: LoopState, inputs: Inputs, command_V: Pair, mode: Mode) -> LoopState:
+    """The state with what the supervisor made of this step's drives, for the law's next step.
+
+    After a trip, in DISARMED, the law starts again.
+    """
+    given = config.pumps.drive(command_V)
+    if mode.is_controlling:
+        excess = _excess(config.pumps, state.drive_V, inputs, given)
+        (d1, d2), (w1, w2), (g1, g2) = state.drive_V, state.request.drive_V, given
+        given = (g1 - (d1 - w1), g2 - (d2 - w2)) if d1 != w1 or d2 != w2 else given  # less the probe
+        return replace(state, last=LastCommand(given, excess, Authority.LAW))
+    last = LastCommand(given, authority=Authority.OPERATOR if mode is Mode.MANUAL else Authority.NOBODY)
+    if mode not in (Mode.DISARMED, Mode.READY):
+        return replace(state, last=last)
+    known = replace(state.inputs, wanted_V=given, given_V=given, excess_V=last.excess_V, authority=last.authority)
+    return replace(state, last=last, law_memory=config.law.start(known))
 
 
-def _excess(pumps: PumpPath, drive_V: Pair, inputs: Inputs, command_V: Pair) -> Pair:
+def _excess(pumps: PumpPath, drive_V: Pair, inputs: Inputs, given_V: Pair) -> Pair:
     """(2,) drives that were requested minus those that were given."""
     short1, short2 = inputs.pumps.shortfall_V
-    (d1, d2), (given1, given2) = drive_V, pumps.drive(command_V)
+    (d1, d2), (given1, given2) = drive_V, given_V
     if not pumps.is_straight:
         applied1, applied2 = inputs.pumps.applied_V
         echoed_V, applied_V = pumps.drive((applied1 + short1, applied2 + short2)), pumps.drive((applied1, applied2))
@@ -305,17 +332,6 @@ def _level_in_use_cm(config: LoopConfig, measurement: Measurement, diagnosis: Di
     return (h1, h2, h3, h4)
 
 
-def _newly_identified(config: LoopConfig, old: Followed, new: Followed) -> Waterways | None:
-    """The waterways if the operating point has just become theirs: the integrals then have nothing to correct."""
-    is_new = config.reconfiguration.design.follows_reference and new.waterways is not old.waterways
-    return new.waterways if is_new else None
-
-
-def _reference_at(config: LoopConfig, t_s: float) -> Pair:
-    past = (values for at_s, values in reversed(config.references) if at_s <= t_s + TIME_TOLERANCE_S)
-    return next(past, config.references[0][1])
-
-
 def _iae(state: LoopState, estimate: Estimate, period_s: float) -> Pair:
     """Running integral of |r - y| in V s, y from the estimate."""
     (r1, r2), y, (i1, i2) = state.reference_V, estimate.level_V, state.iae_Vs
@@ -326,19 +342,15 @@ def _events(old: LoopState, new: LoopState) -> tuple[Event, ...]:
     events = [_alarm(alarm) for alarm in new.diagnosis.new_alarms]
     is_first_step = new.stepped_ns == new.started_ns - (0 if new.start is None else new.start.length_ns)
     if is_first_step and new.start is not None:
-        events.append(start_phase.begins(new.start, new.law_for[0]))
+        events.append(start_phase.begins(new.start, new.inputs.requested_V))
     if new.reference_V != old.reference_V and not new.is_starting:
         r1, r2 = new.reference_V
         events.append(Event(Severity.INFO, "reference", f"reference {r1:.4f}, {r2:.4f} V", {"reference_V": [r1, r2]}))
-    if new.base is not old.base or is_first_step:
-        if new.law.effectiveness != old.law.effectiveness:
-            e1, e2 = new.law.effectiveness
-            text = f"gains recomputed for effectiveness {e1:.3f}, {e2:.3f}"
-            events.append(Event(Severity.INFO, "reconfigured", text, {"effectiveness": [e1, e2]}))
-        if new.law.reason:
-            r1, r2 = new.base.target_V
-            text = f"reference can't be reached ({new.law.reason}): aiming at {r1:.4f}, {r2:.4f} V"
-            events.append(Event(Severity.WARNING, "target", text, {"target_V": [r1, r2], "reason": new.law.reason}))
+    events += new.request.events
+    if new.request.reason not in ("", old.request.reason) and all(e.code != "target" for e in new.request.events):
+        (r1, r2), reason = new.request.target_V, new.request.reason
+        text = f"not at the reference ({reason}): aiming at {r1:.4f}, {r2:.4f} V"
+        events.append(Event(Severity.WARNING, "target", text, {"target_V": [r1, r2], "reason": reason}))
     return tuple(events)
 
 

@@ -8,17 +8,19 @@ docs/decisions/0011-interlocks.md.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from math import inf, isfinite
+from math import inf, isfinite, nan
 
-from hil.core import active_isolation, closed_loop, start_phase, state_feedback, supervisor
+from hil.core import active_isolation, closed_loop, start_phase, supervisor
 from hil.core.active_isolation import IDLE, NO_PROBE, Occasion, ProbeConfig, ProbeState
-from hil.core.closed_loop import TIME_TOLERANCE_S, LoopConfig, LoopState
+from hil.core.closed_loop import LoopConfig, LoopState
+from hil.core.control_law import FeedbackRecord
 from hil.core.dry_watch import DryWatch, watch_dry
 from hil.core.filling_watch import FillingWatch, watch_filling
 from hil.core.inflow_watch import NOT_RISEN, InflowWatch, watch_inflow
 from hil.core.interlocks import Belief, Limits
 from hil.core.live_levels import NONE, LiveLevels, live_levels_cm, watch_readings
 from hil.core.overshoot import Outlets, watch
+from hil.core.reference_path import TIME_TOLERANCE_S
 from hil.core.start_phase import Doubts
 from hil.core.supervisor import Supervision
 from hil.core.types import (
@@ -35,6 +37,9 @@ from hil.core.types import (
     TickRecord,
     TripCause,
 )
+
+NO_FEEDBACK = FeedbackRecord((nan, nan), (nan, nan), (nan,) * 12)
+"""In the record of a law that is no state feedback."""
 
 
 @dataclass(frozen=True)
@@ -118,9 +123,7 @@ def step(
     if loop.is_starting or supervision.stopped_by == TripCause.START_FAILED:
         command = replace(command, start_phase=True)
     record = _record(config, loop, supervision.mode, inputs, command.voltage_V, events, state.probe.offset_V)
-    integral = _next_integral(config, loop, supervision.mode, inputs, command.voltage_V)
-    if integral != loop.integral_Vs:
-        loop = replace(loop, integral_Vs=integral)
+    loop = closed_loop.conclude(config.loop, loop, inputs, command.voltage_V, supervision.mode)
     new = ControllerState(supervision=supervision, loop=loop, monitors=monitors, probe=probe)
     return new, Output(command=command, events=events, record=record)
 
@@ -201,7 +204,7 @@ def _start_problem(
     hidden = hidden or monitors.filling.problem(limits.model, loop.estimate.level_cm, trusted, limits.level_max_cm)
     if hidden or not is_end:
         return hidden
-    k, (y1, y2) = config.limits.level_gain_V_cm, loop.law.target_V
+    k, (y1, y2) = config.limits.level_gain_V_cm, loop.request.target_V
     return start_phase.problem(loop.start, config.loop.start, loop.level_cm, (y1 / k, y2 / k), command_V)
 
 
@@ -266,21 +269,6 @@ def _with_schedule(config: ControllerConfig, loop: LoopState, inputs: Inputs, no
     return inputs
 
 
-def _next_integral(config: ControllerConfig, loop: LoopState, mode: Mode, inputs: Inputs, command_V: Pair) -> Pair:
-    """Integrals for the next step.
-
-    In MANUAL they follow the operator's voltages, so that the return to AUTO is bumpless. After a trip, in DISARMED,
-    they are reset to zero.
-    """
-    if mode.is_controlling:
-        return closed_loop.integrate(config.loop, loop, inputs, command_V)
-    if mode is Mode.MANUAL:
-        (theta1, theta2), (drive1, drive2) = loop.law.effectiveness, config.loop.pumps.drive(command_V)
-        effective_V = (theta1 * drive1, theta2 * drive2)
-        return state_feedback.bumpless_integral(loop.law, loop.level_cm, effective_V)
-    return (0.0, 0.0) if mode in (Mode.DISARMED, Mode.READY) else loop.integral_Vs
-
-
 def _record(
     config: ControllerConfig,
     loop: LoopState,
@@ -290,21 +278,21 @@ def _record(
     events: tuple[Event, ...],
     probe_V: Pair,
 ) -> TickRecord:
-    law = loop.law
+    shown = loop.request.feedback or NO_FEEDBACK
     return TickRecord(
         t_s=loop.t_s,
         mode=mode,
         measured_V=inputs.measurement.level_V,
         estimated_V=loop.estimate.level_V,
         reference_V=loop.reference_V,
-        target_V=law.target_V,
-        operating_V=config.loop.pumps.voltage(law.operating_V),
+        target_V=loop.request.target_V,
+        operating_V=config.loop.pumps.voltage(shown.operating_V),
         raw_V=loop.raw_V,
         command_V=command_V,
         applied_V=inputs.pumps.applied_V,
         effectiveness=loop.diagnosis.effectiveness,
-        integral_Vs=loop.integral_Vs,
-        gain=law.pump_gain,
+        integral_Vs=shown.integral_Vs,
+        gain=shown.gain,
         iae_Vs=loop.iae_Vs,
         levels_age_s=inputs.measurement.age_s,
         status_age_s=inputs.pumps.age_s,

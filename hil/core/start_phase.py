@@ -12,14 +12,13 @@ Why: docs/decisions/0026-start-phase.md.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from math import ceil, inf, sqrt
 
 import numpy as np
 
 from hil.core.inflow_watch import LEARN_S
-from hil.core.state_feedback import StateFeedback
 from hil.core.tanks import TankModel, equilibrium, through_flow_matrix
 from hil.core.types import NAMELESS, Alarm, Event, Pair, Quad, Severity
 
@@ -105,25 +104,16 @@ class StartPhase:
         (a1, a2), (b1, b2) = self.from_V, target_V
         return a1 + share * (b1 - a1), a2 + share * (b2 - a2)
 
-    def moved(self, model: TankModel, law: StateFeedback, t_s: float) -> StateFeedback:
-        """The law with target and operating point of this moment on the ramp; after it, the law itself."""
-        if t_s + self.length_s >= self.ramp_s:
-            return law
-        k, (y1, y2), (r1, r2) = model.level_gain_V_cm, self.toward(t_s, law.target_V), law.target_V
+    def is_past_ramp(self, t_s: float) -> bool:
+        """Whether the outputs to aim at have arrived at run time t_s."""
+        return t_s + self.length_s >= self.ramp_s
+
+    def drives(self, model: TankModel, t_s: float, target_V: Pair) -> tuple[Pair, Pair]:
+        """(2,) drives that keep the lower levels on the ramp to target_V, upper tanks at rest: now, and at its end."""
+        k, (y1, y2), (r1, r2) = model.level_gain_V_cm, self.toward(t_s, target_V), target_V
         rate_cm_s = (r1 - self.from_V[0]) / k / self.ramp_s, (r2 - self.from_V[1]) / k / self.ramp_s
         now_V = _ramp_voltages(model, (y1 / k, y2 / k), rate_cm_s)
-        end_V = _ramp_voltages(model, (r1 / k, r2 / k), (0.0, 0.0))
-        (_, _, now3, now4), (_, _, end3, end4) = equilibrium(model, now_V), equilibrium(model, end_V)
-        h1, h2, h3, h4 = law.operating_level_cm
-        return replace(
-            law,
-            operating_level_cm=(h1 + (y1 - r1) / k, h2 + (y2 - r2) / k, h3 + now3 - end3, h4 + now4 - end4),
-            operating_V=(
-                law.operating_V[0] + now_V[0] - end_V[0],
-                law.operating_V[1] + now_V[1] - end_V[1],
-            ),
-            target_V=(y1, y2),
-        )
+        return now_V, _ramp_voltages(model, (r1 / k, r2 / k), (0.0, 0.0))
 
 
 def plan(

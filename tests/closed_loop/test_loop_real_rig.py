@@ -7,6 +7,7 @@ import pytest
 
 from hil.bench import assembly
 from hil.bench.results import RunResult
+from hil.core.laws.state_feedback_law import StateFeedbackLaw
 from hil.edge.config.settings_file import SettingsError
 from hil.review.ticks import LoggedEvent
 from tests.real_rig import RIG, real_rig, scenario
@@ -155,5 +156,7 @@ def test_a_reference_is_a_level_signal(tmp_path: Path) -> None:
     file = scenario(tmp_path / "real.toml", HEAD.format(20.0) + "[[reference]]\nat_s = 5.0\nlevels_V = [6.0, 6.5]\n")
     bench = assembly.load(file)
     assert assembly.reference_schedule(bench.scenario, bench.rig, "")[-1] == (5.0, (6.0, 6.5))
-    law = assembly.controller_config(bench).loop.reconfiguration.law((6.0, 6.5), (1.0, 1.0))
+    chosen = assembly.controller_config(bench).loop.law
+    assert isinstance(chosen, StateFeedbackLaw)
+    law = chosen.reconfiguration.law((6.0, 6.5), (1.0, 1.0))
     assert law.operating_level_cm[:2] == pytest.approx((12.0, 13.0))

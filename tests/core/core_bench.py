@@ -11,12 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.core import controller
-from hil.core.closed_loop import LoopConfig
+from hil.core.closed_loop import LoopConfig, LoopState
 from hil.core.controller import ControllerConfig, ControllerState
 from hil.core.diagnosis.ideal import NoDetector
 from hil.core.estimator import LevelFilter
 from hil.core.gain_design import CalibratedDesign, RigDesign, choose_rig_design
 from hil.core.interlocks import Limits
+from hil.core.laws.state_feedback_law import FeedbackMemory, StateFeedbackLaw
 from hil.core.reconfiguration import Reconfiguration
 from hil.core.tanks import LinearModel, TankModel, equilibrium, level_rates, linearise
 from hil.core.types import (
@@ -115,20 +116,40 @@ def volts(level_cm: Sequence[float]) -> Quad:
     return quad(0.5 * h for h in level_cm)
 
 
+def feedback_law(rule: Reconfiguration | None = None, anti_windup_s: float = 5.0) -> StateFeedbackLaw:
+    return StateFeedbackLaw(rule or reconfiguration(), PERIOD_S, anti_windup_s)
+
+
+def memory_of(state: LoopState | None) -> FeedbackMemory:
+    """What the state feedback remembers of the last step."""
+    assert state is not None
+    memory = state.law_memory
+    assert isinstance(memory, FeedbackMemory)
+    return memory
+
+
+def integrals_after(state: LoopState | None) -> Pair:
+    """The integrals with which the state feedback will begin its next step."""
+    assert state is not None
+    last = state.last
+    told = replace(state.inputs, given_V=last.given_V, excess_V=last.excess_V, authority=last.authority)
+    return feedback_law().advanced(memory_of(state), told)
+
+
 def bench_loop(
     design: CalibratedDesign | None = None,
     references: tuple[tuple[float, Pair], ...] | None = None,
+    rule: Reconfiguration | None = None,
     **changes: Any,
 ) -> LoopConfig:
     h1, h2, _, _ = equilibrium(BENCH, (3.0, 3.0))
     loop = LoopConfig(
-        reconfiguration=reconfiguration(design),
+        law=feedback_law(rule or reconfiguration(design)),
         detector=NoDetector(),
         level_filter=LevelFilter(BENCH, lag_s=(0.0, 0.0), filter_s=0.5),
         references=references or ((0.0, (0.5 * h1, 0.5 * h2)),),
         reconfigure=True,
         period_s=PERIOD_S,
-        anti_windup_s=5.0,
     )
     return replace(loop, **changes)
 

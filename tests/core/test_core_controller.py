@@ -24,7 +24,9 @@ from tests.core.core_bench import (
     bench_loop,
     controller_config,
     inputs,
+    integrals_after,
     measurement,
+    memory_of,
     run,
     volts,
 )
@@ -191,7 +193,8 @@ def test_the_effective_voltage_does_not_jump_when_the_law_changes(design: Calibr
     """The same step from the same state, with and without the change: v theta is the same, v is not."""
     loop = bench_loop(design, stepped(1.0), detector=IdealDetector((), 0.0))
     state, _ = run(controller_config(loop), Plant(wrong_by_5_percent()), 60)
-    state = replace(state, loop=replace(not_none(state.loop), integral_Vs=(3.0, -2.0)))
+    moved_V = replace(memory_of(state.loop), integral_Vs=(3.0, -2.0))
+    state = replace(state, loop=replace(not_none(state.loop), law_memory=moved_V))
     seen = inputs(volts(quad(h + 0.1 for h in REST)), (3.0, 3.0))
     assert state.loop is not None
     now = state.loop.stepped_ns + SECOND // 10
@@ -203,9 +206,9 @@ def test_the_effective_voltage_does_not_jump_when_the_law_changes(design: Calibr
     _, same = controller.step(controller_config(loop), state, seen, now)
     after, moved = controller.step(controller_config(changed), state, seen, now)
     assert after.loop is not None
-    assert after.loop.law != state.loop.law
+    assert memory_of(after.loop).feedback != memory_of(state.loop).feedback
     assert moved.record is not None
-    effective = np.array(moved.record.raw_V) * np.array(after.loop.law.effectiveness)
+    effective = np.array(moved.record.raw_V) * np.array(memory_of(after.loop).feedback.effectiveness)
     assert same.record is not None
     assert effective == pytest.approx(np.array(same.record.raw_V), abs=1e-9)
 
@@ -407,7 +410,7 @@ def test_after_a_stall_integrals_and_estimate_move_by_a_few_periods_at_most() ->
     blind = replace(seen, measurement=measurement(volts(REST), readings=0))
     after, output = controller.step(config, state, blind, gap_ns)
     assert after.loop is not None
-    moved = np.array(after.loop.integral_Vs) - np.array(state.loop.integral_Vs)
+    moved = np.array(integrals_after(after.loop)) - np.array(integrals_after(state.loop))
     assert np.abs(moved).max() < closed_loop.MAX_PREDICTED_PERIODS * PERIOD_S * 2.0
     longest = Plant()
     longest.level_cm = state.loop.estimate.level_cm
@@ -440,9 +443,9 @@ def test_shortfall_of_the_node_counts_as_not_applied() -> None:
     short, _ = controller.step(config, state, inputs(volts(REST), (2.0, 3.0), shortfall_V=(1.0, 0.0)), now)
     assert short.loop is not None
     assert told.loop is not None
-    pulled = np.array(short.loop.integral_Vs) - np.array(told.loop.integral_Vs)
+    pulled = np.array(integrals_after(short.loop)) - np.array(integrals_after(told.loop))
     assert told.loop is not None
-    inverse = np.array(told.loop.law.gains.integral_inverse)
+    inverse = np.array(memory_of(told.loop).feedback.gains.integral_inverse)
     assert pulled == pytest.approx(inverse @ (PERIOD_S / 5.0 * np.array([1.0, 0.0])))
 
 

@@ -11,8 +11,17 @@ from hil.core import closed_loop, controller
 from hil.core.closed_loop import LoopState
 from hil.core.pumps import STRAIGHT, PumpPath, UnderWay
 from hil.core.reconfiguration import Reconfiguration
-from hil.core.types import NodeState, Pair
-from tests.core.core_bench import BENCH, PERIOD_S, bench_loop, controller_config, inputs, rig_design, volts
+from hil.core.types import Mode, NodeState, Pair
+from tests.core.core_bench import (
+    BENCH,
+    PERIOD_S,
+    bench_loop,
+    controller_config,
+    inputs,
+    integrals_after,
+    rig_design,
+    volts,
+)
 from tests.narrowing import pair
 
 BENT = PumpPath(dead_zone_V=(0.5, 0.3), curve_1_V=(0.03, -0.02))
@@ -110,7 +119,7 @@ def test_the_largest_drive_under_way_is_known_until_it_has_arrived() -> None:
 
 def stepped(pumps: PumpPath, limit_V: Pair, level_cm: tuple[float, ...]) -> LoopState:
     """The loop after a second at these levels, with nothing applied."""
-    loop = bench_loop(pumps=pumps, reconfiguration=Reconfiguration(BENCH, rig_design(), limit_V, (3.0, 3.0), pumps))
+    loop = bench_loop(pumps=pumps, rule=Reconfiguration(BENCH, rig_design(), limit_V, (3.0, 3.0), pumps))
     state = closed_loop.begin(loop, inputs(volts(level_cm)), 0)
     for number in range(10):
         state, _ = closed_loop.step(loop, state, inputs(volts(level_cm)), round(number * PERIOD_S * SECOND))
@@ -141,15 +150,15 @@ def test_anti_windup_follows_what_the_pump_gave(pumps: PumpPath) -> None:
     given_V = pumps.voltage((6.0, 5.0))
     short = pair(a - b for a, b in zip(given_V, pumps.voltage((5.5, 5.0)), strict=True))
     seen = inputs(volts(REST), pumps.voltage((5.5, 5.0)), shortfall_V=short)
-    expected = closed_loop.integrate(
-        bench_loop(), state, inputs(volts(REST), (5.5, 5.0), shortfall_V=(0.5, 0.0)), (6.0, 5.0)
-    )
-    assert closed_loop.integrate(loop, state, seen, given_V) == pytest.approx(expected, abs=1e-9)
+    straight = inputs(volts(REST), (5.5, 5.0), shortfall_V=(0.5, 0.0))
+    expected = closed_loop.conclude(bench_loop(), state, straight, (6.0, 5.0), Mode.RUNNING)
+    bent = closed_loop.conclude(loop, state, seen, given_V, Mode.RUNNING)
+    assert integrals_after(bent) == pytest.approx(integrals_after(expected), abs=1e-9)
 
 
 def test_the_record_is_in_volts() -> None:
     reconfiguration = Reconfiguration(BENCH, rig_design(), BENT.max_drives, (3.0, 3.0), BENT)
-    config = controller_config(bench_loop(pumps=BENT, reconfiguration=reconfiguration))
+    config = controller_config(bench_loop(pumps=BENT, rule=reconfiguration))
     state = controller.ControllerState()
     for number in range(6):
         seen = inputs(volts(REST), state=NodeState.READY if number < 3 else NodeState.RUN)

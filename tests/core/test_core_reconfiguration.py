@@ -325,7 +325,7 @@ def test_the_loop_waits_for_a_split_to_be_refined_before_it_gives_up() -> None:
     bad = (0.25, 0.6)
     states = loops_with((0.0, None), (1.0, bad), seconds=8.0)
     assert [state.problem != "" for state in states] == [n >= 60 for n in range(81)]
-    assert all((state.law.problem != "") is (n >= 10) for n, state in enumerate(states))
+    assert all((state.request.problem != "") is (n >= 10) for n, state in enumerate(states))
     for later in (None, (0.6, 0.6)):
         states = loops_with((0.0, None), (1.0, bad), (4.0, later), seconds=12.0)
         assert not any(state.problem for state in states)
@@ -334,7 +334,7 @@ def test_the_loop_waits_for_a_split_to_be_refined_before_it_gives_up() -> None:
 
 def test_the_law_follows_a_split_every_two_seconds_and_only_changes_that_matter() -> None:
     states = loops_with((0.0, None), (1.0, (0.7, 0.5)), (1.1, (0.7, 0.55)), (3.5, (0.7, 0.559)), seconds=6.0)
-    assert [states[n].law_for[2] for n in (9, 10, 29)] == [None, (0.7, 0.5), (0.7, 0.5)]
-    assert [states[n].law_for[2] for n in (30, 60)] == [(0.7, 0.55), (0.7, 0.55)]
+    assert [states[n].law_memory.task[2] for n in (9, 10, 29)] == [None, (0.7, 0.5), (0.7, 0.5)]
+    assert [states[n].law_memory.task[2] for n in (30, 60)] == [(0.7, 0.55), (0.7, 0.55)]
     away = loops_with((0.0, (0.7, 0.5)), (0.5, None), seconds=0.6)
-    assert [away[n].law_for[2] for n in (4, 5)] == [(0.7, 0.5), None]
+    assert [away[n].law_memory.task[2] for n in (4, 5)] == [(0.7, 0.5), None]

@@ -26,7 +26,7 @@ STEP = (0.0, REST_V), (5.0, (REST_V[0] + 0.2, REST_V[1]))
 
 def controller(start: StartConfig = START, duration_s: float = math.inf) -> ControllerConfig:
     design = Reconfiguration(BENCH, DESIGN, (10.0, 10.0), (3.0, 3.0))
-    return ControllerConfig(bench_loop(references=STEP, reconfiguration=design, start=start), LIMITS, duration_s)
+    return ControllerConfig(bench_loop(references=STEP, rule=design, start=start), LIMITS, duration_s)
 
 
 def filled(start: StartConfig = START, plant: Plant | None = None, extra_s: float = 10.0) -> list[TickRecord]:

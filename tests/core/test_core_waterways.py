@@ -152,7 +152,7 @@ def test_the_outputs_are_held_better_by_a_law_that_knows(ways: Waterways) -> Non
     for known in (ways, None):
         plant = Plant(start_V=(3.0, 3.0))
         plant.model = true_tanks(ways)
-        loop = bench_loop(detector=FindsWays(known, 5.0), reconfiguration=RIG)
+        loop = bench_loop(detector=FindsWays(known, 5.0), rule=RIG)
         _, records = run(controller_config(loop), plant, 1200)
         errors.append(sum(records[-1].iae_Vs))
     assert errors[0] < 0.95 * errors[1]

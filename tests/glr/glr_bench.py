@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,9 +15,10 @@ from hil.core.diagnosis.detector import FaultDetector
 from hil.core.diagnosis.glr.glr_detector import GlrDetector
 from hil.core.estimator import LevelFilter
 from hil.core.gain_design import choose_rig_design
+from hil.core.laws.state_feedback_law import StateFeedbackLaw
 from hil.core.reconfiguration import Reconfiguration
 from hil.core.tanks import TankModel, equilibrium, linearise
-from hil.core.types import Alarm, BusHealth, Inputs, Measurement, NodeHealth, NodeState, PumpFeedback
+from hil.core.types import Alarm, BusHealth, Inputs, Measurement, Mode, NodeHealth, NodeState, PumpFeedback
 from tests.narrowing import pair, quad
 
 MODEL = TankModel()
@@ -140,9 +141,8 @@ def config(detector: FaultDetector, steps: tuple[tuple[float, float], ...]) -> L
         reference = (reference[0] + change_V, reference[1] + change_V)
         schedule.append((at_s, reference))
     reconfiguration = Reconfiguration(MODEL, DESIGN, (10.0, 10.0), (3.0, 3.0))
-    return LoopConfig(
-        reconfiguration, detector, LevelFilter(MODEL, (0.2, 0.2), 0.5), tuple(schedule), True, PERIOD_S, 5.0
-    )
+    law = StateFeedbackLaw(reconfiguration, PERIOD_S, anti_windup_s=5.0)
+    return LoopConfig(law, detector, LevelFilter(MODEL, (0.2, 0.2), 0.5), tuple(schedule), True, PERIOD_S)
 
 
 def play(
@@ -173,7 +173,7 @@ def play(
         log.states.append(state)
         log.true_V.append(0.5 * plant.level)
         log.commands_V.append(applied)
-        state = replace(state, integral_Vs=closed_loop.integrate(loop, state, inputs, applied))
+        state = closed_loop.conclude(loop, state, inputs, applied, Mode.RUNNING)
         while waiting and waiting[0][0] < (number + 1) * PERIOD_S - 1e-9:
             waiting.pop(0)[1](plant)
         measurement = plant.period(applied)

@@ -209,7 +209,7 @@ def test_a_dead_pump_stands_by_the_other_does_what_it_can_and_all_is_well_when_i
     dead, late = log.commands_V[1000:1700], log.true_V[1690]
     assert max(v1 for v1, _ in dead) - min(v1 for v1, _ in dead) < 0.01
     assert 2.0 < dead[0][0] < 4.0
-    assert late[:2] == pytest.approx(log.states[1690].law.target_V, abs=0.05)
+    assert late[:2] == pytest.approx(log.states[1690].request.target_V, abs=0.05)
     assert named(log) == [("pump_effectiveness", 1)] * 2
     assert log.settled()[1].is_recovery
     assert log.true_V[-1][:2] == pytest.approx(log.last.reference_V, abs=0.05)
@@ -221,7 +221,7 @@ def test_a_pump_at_its_limit_does_not_latch(left: Pair) -> None:
     weak = left.index(min(left))
     held = [command[weak] for command in log.commands_V[1500:2000]]
     assert min(held) > 8.0
-    assert log.true_V[1990][1 - weak] == pytest.approx(log.states[1990].law.target_V[1 - weak], abs=0.05)
+    assert log.true_V[1990][1 - weak] == pytest.approx(log.states[1990].request.target_V[1 - weak], abs=0.05)
     assert log.true_V[-1][:2] == pytest.approx(log.last.reference_V, abs=0.05)
 
 
@@ -262,9 +262,8 @@ def test_a_pump_that_does_not_follow_its_voltage(stuck_V: float) -> None:
 def test_flapping_at_the_threshold_changes_the_gains_once_in_ten_seconds() -> None:
     faults = tuple((FAULT_S + 3.0 * n, lose(0.96 if n % 2 == 0 else 1.0, 1.0)) for n in range(10))
     log = play(46, FAULT_S + 30.0, faults)
-    changes = [
-        n * PERIOD_S for n in range(1, len(log.states)) if log.states[n].law_for[1] != log.states[n - 1].law_for[1]
-    ]
+    told = [state.law_memory.task[1] for state in log.states]
+    changes = [n * PERIOD_S for n in range(1, len(told)) if told[n] != told[n - 1]]
     assert len(changes) >= 1
     assert all(later - earlier >= 10.0 - 1e-6 for earlier, later in pairwise(changes))
 

@@ -25,7 +25,7 @@ def test_a_pump_that_gives_more_is_told_as_effectiveness_above_1_and_used(share:
         ("pump_effectiveness", pump + 1) for pump in (0, 1) if share[pump] != 1.0
     }
     assert log.last.diagnosis.effectiveness == pytest.approx(share, abs=0.02)
-    assert log.last.law.effectiveness == pytest.approx(share, abs=0.03), "the law divides by it"
+    assert log.last.law_memory.feedback.effectiveness == pytest.approx(share, abs=0.03), "the law divides by it"
     assert not any(any(state.diagnosis.stuck_on) for state in log.states)
 
 

@@ -17,6 +17,7 @@ from hil.core.diagnosis.ideal import NoDetector
 from hil.core.estimator import LevelFilter
 from hil.core.gain_design import choose_rig_design
 from hil.core.interlocks import NO_FAULT, Belief
+from hil.core.laws.state_feedback_law import StateFeedbackLaw
 from hil.core.reconfiguration import Reconfiguration
 from hil.core.tanks import TankModel, equilibrium, linearise
 from hil.core.types import (
@@ -159,13 +160,12 @@ def config(**changes: Any) -> ControllerConfig:
     at = linearise(BENCH, equilibrium(BENCH, (3.0, 3.0)))
     design = choose_rig_design(at, RIG["control"]["output_poles"], RIG["control"]["noise_gain_max"])
     loop = LoopConfig(
-        reconfiguration=Reconfiguration(BENCH, design, (10.0, 10.0), (3.0, 3.0)),
+        law=StateFeedbackLaw(Reconfiguration(BENCH, design, (10.0, 10.0), (3.0, 3.0)), PERIOD_S, anti_windup_s=5.0),
         detector=NoDetector(),
         level_filter=LevelFilter(BENCH, lag_s=(0.2, 0.2), filter_s=0.5),
         references=((0.0, pair(REST_V[:2])),),
         reconfigure=True,
         period_s=PERIOD_S,
-        anti_windup_s=5.0,
     )
     return ControllerConfig(replace(loop, **changes), LIMITS, math.inf)
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from hil.bench import assembly
 from hil.core.eigenstructure import assign, augment
 from hil.core.gain_design import PAPER_ANGLES_RAD, PAPER_POLES
+from hil.core.laws.state_feedback_law import StateFeedbackLaw
 from hil.core.tanks import equilibrium, linearise, printed_linear_model
 from tools.benchmark import SCENARIO
 from tools.benchmark.tables import Section, as_time, as_verdict
@@ -68,10 +69,11 @@ def eigenstructure_assignment(effort: Effort) -> list[Section]:
 def recomputation(effort: Effort) -> list[Section]:
     """The cost of a change of reference or diagnosis within a control step."""
     config = assembly.controller_config(assembly.load(SCENARIO)).loop
-    model, design = config.reconfiguration.model, config.reconfiguration.design
-    at = linearise(model, equilibrium(model, config.reconfiguration.operating_point_V))
-    reference = config.references[0][1]
-    law = config.reconfiguration.law
+    if not isinstance(config.law, StateFeedbackLaw):
+        raise TypeError(f"{SCENARIO} has another control law")
+    rule, reference = config.law.reconfiguration, config.references[0][1]
+    model, design, law = rule.model, rule.design, rule.law
+    at = linearise(model, equilibrium(model, rule.operating_point_V))
     calls: dict[str, tuple[Callable[[], Any], int]] = {
         "RigDesign.gains": (lambda: design.gains(at), 50),
         "Reconfiguration.law": (lambda: law(reference, (0.4, 0.4)), 50),

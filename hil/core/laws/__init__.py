@@ -1,1 +1,1 @@
-"""Control laws to compare with the state feedback: docs/reference/laws.md says where each comes from."""
+"""The control laws of the bench. `hil.bench.laws` has their names, docs/reference/laws.md says where they come from."""

@@ -163,10 +163,16 @@ class DiagnosisChoice(Section):
 
 
 class ControlChoice(Section):
-    """Which design, by name, see `hil.bench.designs`, and whether the law follows the diagnosis."""
+    """Which control law, by name, see `hil.bench.laws`, with options of its own, and what is common to all laws.
+
+    design : of the law `state_feedback`, by name, see `hil.bench.designs`. reconfigure : whether the law follows the
+    diagnosis. options : the settings of the law.
+    """
 
     reconfigure: bool = True
+    law: ChoiceName = "state_feedback"
     design: ChoiceName = "rig"
+    options: dict[str, Any] = Field(default_factory=dict)
 
 
 class WindowTable(Section):
