@@ -138,9 +138,9 @@ def _reported(case: Case, seen: Observations, onset_s: float) -> tuple[Finding, 
 
 
 def _is_honest(case: Case, finding: Finding, faults: Sequence[Injected]) -> bool:
-    """Whether an alarm says what a drawn pump really gives, and no fault of that pump is there to be found."""
+    """Whether an alarm says what a drawn pump really is, and no fault of that kind and pump is there to be found."""
     is_faulty = any(
-        fault.target == finding.target and PUMP_LOSS in fault.kinds and fault.at_s <= (finding.detected_s or 0.0)
+        fault.target == finding.target and finding.kind in fault.kinds and fault.at_s <= (finding.detected_s or 0.0)
         for fault in faults
     )
     return not is_faulty and is_honest(case.drawn, finding.kind, finding.target, finding.size)

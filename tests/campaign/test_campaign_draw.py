@@ -190,7 +190,7 @@ def test_the_row_and_the_folder_say_what_was_drawn(tmp_path: Path) -> None:
     assert found.status == "complete", found.reason
     said = json.loads(found.drawn_json)
     assert said == json.loads(json.dumps(prepared.cases[0].drawn))
-    assert set(said) == {*DRAW, "flow_ratio"}
+    assert set(said) == {*DRAW, "flow_ratio", "lag_s"}
     campaign_run.write_results(prepared, store, [found], report=False)
     again = campaign_run.load(tmp_path / "out" / "cases" / f"{found.key}.toml", CONFIG, CampaignOptions(seeds=1))[1]
     repeated = run_case(again[0], CONFIG)
@@ -215,3 +215,12 @@ def test_an_alarm_that_says_what_a_drawn_pump_gives_is_honest(base: RigNumbers) 
     assert not is_honest(weak, "leak", 1, 0.8)
     assert not is_honest(drawn(base, 1, gain_ratio=[0.8, 0.8], rig_knows=True).values, "pump_effectiveness", 1, 0.8)
     assert not is_honest({}, "pump_effectiveness", 1, 0.8), "a rig that is not drawn"
+
+
+def test_an_alarm_that_says_what_a_drawn_lag_is_is_honest(base: RigNumbers) -> None:
+    """A lag of 0.8 s on a rig whose pump has just that counted as a false alarm."""
+    slow = drawn(base, 1, lag_ratio=[4.0, 4.0]).values
+    assert slow["lag_s"] == [0.8, 0.8]
+    assert is_honest(slow, "pump_lag", 1, 0.9)
+    assert not is_honest(slow, "pump_lag", 2, 1.1)
+    assert not is_honest(slow, "pump_lag", 1, None)

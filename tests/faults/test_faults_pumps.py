@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from hil.campaigns.observer import DRY_V, ran_dry
 from hil.core.types import Mode
 from tests.faults.faults_bench import (
     T_S,
@@ -88,6 +89,19 @@ def test_case_43_reservoir_low_while_a_pump_stands_still(tank: int) -> None:
     run = play(watched(fault("outlet_block", 10.0, tank, 0.5), fault("reservoir_low", AT_S)))
     assert run.at(AT_S - T_S).applied_V[tank - 1] == 0.0
     assert_tripped(run, AT_S, 2.0, "dry_run")
+
+
+@pytest.mark.parametrize("tank", [1, 2])
+def test_case_43_reservoir_low_while_both_pumps_are_at_rest(tank: int) -> None:
+    """After a large blockage both pumps may rest, and then nothing shows an empty reservoir until one of them starts.
+
+    It trips before the pump turns: 14 s after the reservoir was empty, at 0.4 V.
+    """
+    run = play(watched(fault("outlet_block", 8.0, tank, 0.8), fault("reservoir_low", AT_S)), checks=False)
+    assert run.cause == "dry_run", run.told
+    assert not ran_dry(run.seen)
+    started_s = next(tick.t_s for tick in run.from_s(AT_S) if max(tick.applied_V) > DRY_V)
+    assert run.trip_s < started_s + 2.0
 
 
 def test_case_43_reservoir_low_and_an_outlet_blocked_at_once() -> None:

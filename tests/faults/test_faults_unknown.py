@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.faults.faults_bench import Run, first, scenario_data
+from tests.faults.faults_bench import Run, fault, first, play, scenario_data
 from tests.faults.strange_rig import STRANGE, StrangeRig, leaking_siphon, play_strange
 
 AT_S = 20.0
@@ -53,6 +53,34 @@ def test_what_stays_unknown_ends_the_run_in_an_orderly_way(name: str) -> None:
     assert run.outcome.status == "stopped", run.told
     assert run.outcome.reason in ("unknown_fault", "high_level"), run.told
     assert max(max(truth.levels_cm) for truth in run.keeper.truths) < 18.0
+
+
+TWINS = [
+    ("leak", 0.3, "leak", 0.3),
+    ("outlet_block", 0.4, "outlet_block", 0.4),
+    ("leak", 0.3, "pump_effectiveness", 0.6),
+    ("outlet_block", 0.4, "pump_effectiveness", 0.6),
+    ("sensor_bias", 0.3, "sensor_bias", 0.3),
+    ("valve_split", 0.5, "valve_split", 0.45),
+]
+"""Faults of targets 1 and 2 that begin at the very same moment."""
+
+
+@pytest.mark.parametrize("twin", first(3, *TWINS))
+def test_two_faults_at_the_same_moment_stay_safe(twin: tuple[str, float, str, float]) -> None:
+    """Only the two pumps are one hypothesis. What else comes at once is unknown, or has other names, but stays safe.
+
+    Of two pumps that were named wrongly before that, one name stood on when the unknown took the other back.
+    """
+    kind1, value1, kind2, value2 = twin
+    faults = (fault(kind1, AT_S, 1, value1), fault(kind2, AT_S, 2, value2))
+    run = play(scenario_data(*faults, duration_s=AT_S + 70.0, method="glr", emulator={"parameter_spread": 0.03}))
+    assert max(max(truth.levels_cm) for truth in run.keeper.truths) < 18.0
+    assert {cause for _, cause in run.trips} <= {"sensors_lost", "high_level"}, run.told
+    unknowns = [finding for finding in run.findings if finding.kind == "unknown"]
+    for one in unknowns:
+        before = [f for f in run.findings if f.isolated_s is not None and f.isolated_s < (one.detected_s or 0.0)]
+        assert all(finding.recovered_s is not None for finding in before), run.told
 
 
 @pytest.mark.long

@@ -49,7 +49,7 @@ def test_the_third_name_within_seconds_contradicts_but_never_a_pump_that_is_stuc
     m.checkpoint = isolation._checkpoint(m, 20)
     for number, (kind, target) in enumerate((("leak", 3), ("sensor_bias", 4)), 1):
         assert not unknown.contradicts(m, 0)
-        unknown.note(m, Alarm(0.0, kind, target, 0.1, number=number))
+        unknown.note(m, [Alarm(0.0, kind, target, 0.1, number=number)])
     assert unknown.contradicts(m, 0)
     assert not unknown.contradicts(m, 10), "leak 3 again"
     m.declared[1] = Declared("pump_stuck_on", 1.0, 1.0, 3, 0.0, 0.0)

@@ -181,18 +181,21 @@ def close(m: Memory, suspicion: Suspicion, alarms: list[Alarm]) -> list[Alarm]:
     """The end of an unresolved alarm whose fault turned out to have a number already."""
     if suspicion.number is None or any(alarm.number == suspicion.number for alarm in alarms):
         return []
-    return [
-        Alarm(
-            detected_s=m.t_s,
-            kind=UNRESOLVED,
-            target=0,
-            size=nan,
-            onset_s=m.t_s,
-            candidates=alarms[0].candidates,
-            number=suspicion.number,
-            is_recovery=True,
-        )
-    ]
+    return [withdrawn(m, suspicion.number, alarms[0].candidates)]
+
+
+def withdrawn(m: Memory, number: int, candidates: tuple[str, ...]) -> Alarm:
+    """The end of an unresolved alarm. candidates : what it turned out to be, none if there is no fault."""
+    return Alarm(
+        detected_s=m.t_s,
+        kind=UNRESOLVED,
+        target=0,
+        size=nan,
+        onset_s=m.t_s,
+        candidates=candidates,
+        number=number,
+        is_recovery=True,
+    )
 
 
 def effectiveness(m: Memory) -> Pair:

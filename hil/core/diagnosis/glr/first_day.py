@@ -18,8 +18,9 @@ import numpy as np
 
 from hil.core.diagnosis.glr import kernels
 from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE, StepResult
+from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, LAGS, PUMPS, jumps_of
 from hil.core.diagnosis.glr.memory import DetectorConfig, Memory, Wide
-from hil.core.diagnosis.glr.model import PUMP, ZONE, Array
+from hil.core.diagnosis.glr.model import GAIN, LEAK, PUMP, SCALE, ZONE, Array
 from hil.core.diagnosis.glr.replay import RING
 
 WIDE_SHARE = 0.5
@@ -31,6 +32,13 @@ after this time."""
 
 MOVED_V, BEFORE_STEPS = 0.5, 10
 """A rig that is not as its file says shows that when a voltage moves, by this at least, since so many steps before."""
+
+BEGIN_S, OWN_STDS = 1.0, 2.0
+"""A pump whose gain or lag differs since so soon after the first readings is no fault, if it differs by no more than so
+many standard deviations of the wide filter."""
+
+SMALL = 0.1
+"""On a rig that is proven not to be as its file says, a smaller jump while a voltage moves corrects the model."""
 
 _RESULT = StepResult.empty()
 
@@ -63,9 +71,64 @@ def step(config: DetectorConfig, m: Memory, log_likelihood: float) -> None:
 
 
 def explains_alarm(config: DetectorConfig, m: Memory) -> bool:
-    """Whether the wide filter expected what the bank has just found; it is the main filter then."""
+    """Whether the wide filter expected what the bank has just found, or always had it; it is the main filter then."""
     leader = int(np.argmax(m.best.ratio))
-    return explains(config, m, int(m.bank.onset[int(m.best.slot[leader])]), m.max_ratio)
+    onset = int(m.bank.onset[int(m.best.slot[leader])])
+    if explains(config, m, onset, m.max_ratio):
+        return True
+    wide = m.wide
+    if wide is None or leader not in (*PUMPS, BOTH, *LAGS) or not _is_from_begin(m, onset):
+        return False
+    gains, stds = wide.x[SCALE : SCALE + 2], config.wide_prior[SCALE : SCALE + 2]
+    if np.any(np.abs(gains - 1.0) > OWN_STDS * stds) or wide.lead[m.now % RING] < 0.0:
+        return False
+    _become_main(m, wide)
+    return True
+
+
+def is_own(config: DetectorConfig, m: Memory, winner: int) -> bool:
+    """Whether a verdict says what the rig has always been, so that it is learned and not reported.
+
+    That is a lag that is as the file says within its uncertainty; a pump that differs since the first readings by no
+    more than pumps do; and, on a rig that is proven not to be as its file says, a small jump while a voltage moves.
+    """
+    r, jumps = m.replays, jumps_of(winner)
+    if any(j in m.declared for j in jumps):
+        return False
+    states = [JUMPS[j].state for j in jumps]
+    if winner in LAGS and float(r.x[winner, states[0]]) <= 1.0 + float(config.prior[states[0]]):
+        return True
+    onset = int(r.onset[winner])
+    if m.declared or m.lost or max(states) >= LEAK:
+        return False
+    sizes = [abs(float(r.x[winner, state] - r.before[winner, state])) for state in states]
+    if winner in (*PUMPS, BOTH, *LAGS) and _is_from_begin(m, onset):
+        spans = [config.wide_prior[state if winner in LAGS else SCALE + state - GAIN] for state in states]
+        return all(size <= OWN_STDS * span for size, span in zip(sizes, spans, strict=True))
+    return m.is_wide and winner not in LAGS and max(sizes) <= SMALL and _moved_by(m, onset) >= MOVED_V
+
+
+def fold_gain(m: Memory, pump: int) -> None:
+    """Make what a pump's gain has become its healthy gain."""
+    T = np.eye(len(m.x))
+    gain, scale = float(m.x[GAIN + pump]), float(m.x[SCALE + pump])
+    T[SCALE + pump, SCALE + pump], T[SCALE + pump, GAIN + pump] = gain, scale
+    T[GAIN + pump, GAIN + pump] = 0.0
+    m.x[SCALE + pump], m.x[GAIN + pump] = gain * scale, 1.0
+    m.P[:] = T @ m.P @ T.T
+
+
+def _is_from_begin(m: Memory, onset: int) -> bool:
+    """Whether a step is so early that what begins there may have been there before the first reading."""
+    return m.time_of(onset) - m.begun_s <= BEGIN_S
+
+
+def _become_main(m: Memory, wide: Wide) -> None:
+    """The wide filter becomes the main one: the rig is as it says."""
+    m.x[:], m.P[:], m.is_wide, m.relearned_s = wide.x, wide.P, True, wide.relearned_s
+    m.scale[:] = 1.0
+    m.mean_square = 1.0
+    m.restart_bank()
 
 
 def explains(config: DetectorConfig, m: Memory, onset: int, ratio: float) -> bool:
@@ -81,10 +144,7 @@ def explains(config: DetectorConfig, m: Memory, onset: int, ratio: float) -> boo
     lead = wide.lead[m.now % RING] - wide.lead[max(onset, wide.began, m.now - RING + 1) % RING]
     if lead < WIDE_SHARE * ratio or not (is_early or _moved_by(m, onset) >= MOVED_V):
         return False
-    m.x[:], m.P[:], m.is_wide, m.relearned_s = wide.x, wide.P, True, wide.relearned_s
-    m.scale[:] = 1.0
-    m.mean_square = 1.0
-    m.restart_bank()
+    _become_main(m, wide)
     return True
 
 

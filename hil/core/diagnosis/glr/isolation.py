@@ -13,6 +13,7 @@ from hil.core.diagnosis.glr import (
     ambiguity,
     declaration,
     drift_review,
+    first_day,
     growth,
     hidden_level,
     kernels,
@@ -118,7 +119,8 @@ def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Ala
     if not m.is_doubtful and unknown.fits_badly(m, best, at_fit=_has_explained(config, m, best)):
         winner = None
         if m.t_s - suspicion.detected_s >= unknown.WAIT_S:
-            return unknown.declare(config, m, suspicion, best, order, _checkpoint(m, int(r.onset[best])))
+            before = unknown.first_checkpoint(m) or _checkpoint(m, int(r.onset[best]))
+            return unknown.declare(config, m, suspicion, best, order, before)
     if winner is not None and unknown.contradicts(m, winner):
         before = unknown.first_checkpoint(m) or _checkpoint(m, int(r.onset[winner]))
         return unknown.declare(config, m, suspicion, winner, order, before)
@@ -234,6 +236,7 @@ def _settle(config: DetectorConfig, m: Memory, suspicion: Suspicion, winner: int
     again with the bank: a fault that has begun meanwhile is then seen from its onset on.
     """
     r, has_moved = m.replays, ambiguity.has_moved(m)
+    is_own = first_day.is_own(config, m, winner)
     m.suspicion = None
     before, onset = r.before[winner].copy(), int(r.onset[winner])
     m.checkpoint = _checkpoint(m, onset)
@@ -241,21 +244,35 @@ def _settle(config: DetectorConfig, m: Memory, suspicion: Suspicion, winner: int
     x, P = (r.x_fit, r.P_fit) if has_explained else (r.x, r.P)
     m.x[:], m.P[:], m.growing = x[winner], P[winner], int(r.target[winner])
     _loosen(config, m, winner, before)
-    if winner in PUMPS and not _is_known(config, m, 1 - winner):
-        m.unproven = (1 - winner, 0.0)
     stuck_check.credit(m, float(r.evidence[winner]))
-    alarms = [declaration.declare(config, m, j, before, onset, suspicion) for j in jumps_of(winner)]
-    unknown.note(m, alarms[0])
-    alarms += declaration.close(m, suspicion, alarms)
+    if is_own:
+        alarms = _learn(m, suspicion, winner)
+    else:
+        if winner in PUMPS and not _is_known(config, m, 1 - winner):
+            m.unproven = (1 - winner, 0.0)
+        alarms = [declaration.declare(config, m, j, before, onset, suspicion) for j in jumps_of(winner)]
+        unknown.note(m, alarms)
+        alarms += declaration.close(m, suspicion, alarms)
     declaration.end_growth(m)
     m.restart_bank()
     if has_explained:
         _refilter(config, m, int(r.fit[winner]))
-    told = Suspicion(number=alarms[0].number, detected_s=alarms[0].detected_s)
+    number, detected_s = (alarms[0].number, alarms[0].detected_s) if alarms else (None, m.t_s)
+    told = Suspicion(number=number, detected_s=detected_s)
     m.rival = drift_review.rival_of(config, m, winner, order, told, has_moved=has_moved)
     m.hidden = hidden_level.begin(config, m, winner)
     m.verdicts_s = (*m.verdicts_s, m.t_s)[-config.tuning.verdicts_max :]
     return alarms
+
+
+def _learn(m: Memory, suspicion: Suspicion, winner: int) -> list[Alarm]:
+    """What the rig has always been becomes part of the filter; the end of the alarm, if one was raised."""
+    for j in jumps_of(winner):
+        if j in PUMPS:
+            first_day.fold_gain(m, j)
+    if suspicion.number is None or suspicion.detected_s == m.t_s:
+        return []
+    return [declaration.withdrawn(m, suspicion.number, ())]
 
 
 def _refilter(config: DetectorConfig, m: Memory, start: int) -> None:

@@ -94,15 +94,15 @@ def contradicts(m: Memory, winner: int) -> bool:
     return len(others) >= MAX_NAMES and others.isdisjoint(kinds)
 
 
-def note(m: Memory, alarm: Alarm) -> None:
-    """Note a name that has just been given."""
-    if m.checkpoint is not None and not alarm.is_recovery:
-        name = f"{alarm.kind} {alarm.target}"
-        m.told = (*_recent(m), Told(m.t_s, name, alarm.number, m.checkpoint))
+def note(m: Memory, alarms: list[Alarm]) -> None:
+    """Note the name that a verdict has just given; two pumps at once have two alarms, but are one name."""
+    if m.checkpoint is not None and not alarms[0].is_recovery:
+        name = f"{alarms[0].kind} {alarms[0].target}"
+        m.told = (*_recent(m), *(Told(m.t_s, name, alarm.number, m.checkpoint) for alarm in alarms))
 
 
 def first_checkpoint(m: Memory) -> Checkpoint | None:
-    """The filter from before the first of the names that contradict each other."""
+    """The filter from before the first name of the last seconds, which what is unknown now throws doubt on, or None."""
     return next((told.checkpoint for told in _recent(m)), None)
 
 
