@@ -74,7 +74,7 @@ def load(path: Path, config_dir: Path, options: CampaignOptions) -> tuple[str, t
     scenarios = [read_toml(file) for file in files]
     rigs = [] if spec.draw is None else [_numbers(spec, data, config_dir, rig_file, path) for data in scenarios]
     try:
-        expanded = listing.expand(spec, scenarios, _digest(config_dir, rig_file), rigs)
+        expanded = listing.expand(spec, scenarios, results_digest(config_dir, rig_file), rigs)
     except SettingsError as error:
         raise SettingsError(f"{path}: {error}") from None
     cases = tuple(replace(case, rig_file=rig_file) for case in expanded)
@@ -138,7 +138,7 @@ def write_results(campaign: PreparedCampaign, store: Store, rows: Sequence[Row],
     return (*written, scenarios) if notable else tuple(written)
 
 
-def _digest(config_dir: Path, rig_file: Path | None) -> str:
+def results_digest(config_dir: Path, rig_file: Path | None) -> str:
     """Digest of what results depend on besides the cases: the bench's files and this program's version."""
     digest = hashlib.sha256(__version__.encode())
     for file in [config_dir / name for name in RESULTS_DEPEND_ON] + ([] if rig_file is None else [rig_file]):

@@ -152,7 +152,7 @@ def _case(spec: Spec, cell: Cell, scenario_data: ScenarioData, seed: int, digest
         rig = draw_rig(spec.draw, base, seed, float(scenario_data["scenario"]["duration_s"]))
         scenario_data, drawn = merged(scenario_data, dict(rig.overlay)), dict(rig.values)
     case = Case("", label, str(scenario_data.get("scenario", {}).get("name", "")), seed, scenario_data, drawn)
-    return replace(case, key=_key(scenario_data, seed, digest))
+    return replace(case, key=case_key(scenario_data, seed, digest))
 
 
 def _class_of(faults: Sequence[Fault]) -> str:
@@ -192,6 +192,7 @@ def _fault(row: FaultRow | PoolRow, target: Target, value: float | None, at_s: f
     return {**fault, **row.also}
 
 
-def _key(scenario_data: ScenarioData, seed: int, digest: str) -> str:
+def case_key(scenario_data: ScenarioData, seed: int, digest: str) -> str:
+    """Digest of all that a run's result depends on. digest : of everything but scenario and seed."""
     text = json.dumps([scenario_data, seed, digest], sort_keys=True, ensure_ascii=False)
     return hashlib.sha256(text.encode()).hexdigest()[:KEY_DIGITS]

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from hil.campaigns import growing
+from hil.campaigns import control_figures, growing
 from hil.campaigns.cases import Case
 from hil.campaigns.observer import Observations, ran_dry, rate_broken
 from hil.campaigns.rig_draw import is_honest
@@ -76,6 +76,7 @@ def evaluate(
         **_errors(bench, seen, faults),
         **_safety(bench, seen, rest, faults),
         **_ending(seen, ending),
+        "windows_json": _json(control_figures.of_windows(seen, bench.windows, bench.level_gain_V_cm, bench.period_s)),
     }
     return Row(
         bound_s=None if bound_s is None else bound_s(case),

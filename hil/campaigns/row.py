@@ -39,8 +39,9 @@ class Row:
     and 5 s after its isolation. declared : all that was named after the onset, each once.
     repeated_alarms : later ones that name a growing or intermittent fault again. drawn_json : what [draw] drew.
     honest_alarms : on a drawn rig that the rig file doesn't know, alarms that say what its pumps really give; they are
-    neither false nor spurious. held : all faults are named as they are, or are among the candidates of an alarm that is
-    still open, and nothing else is named. grown_s, named_s : of growing faults, see `growing`.
+    neither false nor spurious. windows_json : figures of the scenario's windows, see `control_figures`. held : all
+    faults are named as they are, or are among the candidates of an alarm that is still open, and nothing else is named.
+    grown_s, named_s : of growing faults, see `growing`.
     healthy_h : hours before the first fault of the process. spilled_cm3 : what went over a rim.
     overflow to crashed : the invariants, true where broken; broken : in words. wall_s, cpu_s : elapsed time, and
     processor time, which other programs don't lengthen.
@@ -102,6 +103,7 @@ class Row:
     named_s: float | None = None
     drawn_json: str = "{}"
     honest_alarms: int = 0
+    windows_json: str = "{}"
 
     @property
     def breaks(self) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ import typer
 
 from hil.cli import exit_codes
 from hil.cli.commands import (
+    benchmark,
     calibrate,
     campaign,
     conformance,
@@ -37,6 +38,7 @@ COMMANDS: tuple[ModuleType, ...] = (
     identify,
     conformance,
     campaign,
+    benchmark,
     demo,
     design,
     view,

@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from hil.bench import campaign_pool, campaign_run
 from hil.bench.campaign_run import CampaignOptions, PreparedCampaign
 from hil.campaigns.row import Row
 from hil.campaigns.store import Store
 from hil.cli import campaign_tables, exit_codes
+from hil.cli.run_progress import run_progress
 from hil.core.counted import counted
 
 
@@ -38,13 +38,5 @@ def _missing(campaign: PreparedCampaign, store: Store) -> list[str]:
 
 def _run_missing(console: Console, campaign: PreparedCampaign, store: Store) -> tuple[Row, ...]:
     """The missing runs with a progress bar."""
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(campaign.name, total=len(_missing(campaign, store)))
-        return campaign_run.run_missing(campaign, store, lambda _: bar.advance(task))
+    with run_progress(console, campaign.name, len(_missing(campaign, store))) as advance:
+        return campaign_run.run_missing(campaign, store, lambda _: advance())

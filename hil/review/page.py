@@ -28,7 +28,7 @@ dl.facts dt{color:var(--soft)}dl.facts dd{margin:0;font-variant-numeric:tabular-
 .cards div{background:var(--wash);border-radius:.5rem;padding:.65rem .85rem}
 .cards b{display:block;font-size:1.3rem;line-height:1.25;font-variant-numeric:tabular-nums}
 .cards span{color:var(--soft);font-size:.86rem}
-.scroll{overflow-x:auto}
+.scroll{overflow-x:auto}.named td:first-child{white-space:nowrap}
 table{border-collapse:collapse;width:100%;font-size:.93rem;font-variant-numeric:tabular-nums}
 th,td{text-align:left;padding:.34rem .7rem .34rem 0;border-bottom:1px solid var(--rule);vertical-align:top}
 th{color:var(--soft);font-weight:600;border-bottom-color:var(--ink)}

@@ -1,7 +1,7 @@
 """Page of every settings key: unit, range and default from the settings' own classes, meaning from the files' comments.
 
-Rig and emulator are explained by config/rig.toml and config/emulator.toml as they are shipped; scenario and campaign by
-the annotated examples in docs/reference/annotated, which have every key once.
+Rig and emulator are explained by config/rig.toml and config/emulator.toml as they are shipped; scenario, campaign and
+benchmark by the annotated examples in docs/reference/annotated, which have every key once.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from firmware_sim.settings import EmulatorSettings
 from hil.bench.choice_table import ChoiceTable, TableChoice
 from hil.bench.designs import DESIGNS
 from hil.bench.detectors import DETECTORS
+from hil.campaigns.benchmark_spec import BenchmarkSpec
 from hil.campaigns.spec import Spec
 from hil.edge.config.rig_file import Rig
 from hil.edge.config.scenario_file import Scenario
@@ -74,6 +75,13 @@ FILES = (
         "Many runs: `hil campaign`.",
         Spec,
         FOLDER / "annotated/campaign.toml",
+        is_shipped=False,
+    ),
+    SettingsFile(
+        "Benchmark file",
+        "Laws and detectors compared: `hil benchmark`.",
+        BenchmarkSpec,
+        FOLDER / "annotated/benchmark.toml",
         is_shipped=False,
     ),
 )

@@ -27,8 +27,10 @@ Parts = float | tuple[float, ...]
 """One number for all pumps, tanks or sensors, or one for each."""
 
 SCENARIO_FILE, RIG_FILE, CAMPAIGN_FILE, EMULATOR_FILE = "a scenario", "a rig file", "a campaign", "an emulator file"
+BENCHMARK_FILE = "a benchmark"
 
 KINDS = {
+    "benchmark": BENCHMARK_FILE,
     "campaign": CAMPAIGN_FILE,
     "scenario": SCENARIO_FILE,
     "nodes": EMULATOR_FILE,
@@ -38,6 +40,7 @@ KINDS = {
 """A table at the top -> the only kind of file that has it."""
 
 USED_BY = {
+    BENCHMARK_FILE: "run it with `hil benchmark FILE`",
     CAMPAIGN_FILE: "run it with `hil campaign FILE`",
     SCENARIO_FILE: "run it with `hil simulate FILE` or `hil run FILE`",
     EMULATOR_FILE: "it is used as emulator.toml in the folder that --config names",

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from hil.edge.config.settings_file import SettingsError, default_config_dir
 
-SCENARIOS, CAMPAIGNS, RIGS = "scenarios", "campaigns", "rigs"
+SCENARIOS, CAMPAIGNS, RIGS, BENCHMARKS = "scenarios", "campaigns", "rigs", "benchmarks"
 
 
 def find_scenario(scenario: str | Path, config_dir: Path | None = None) -> Path:
@@ -35,6 +35,14 @@ def find_rig(rig: str | Path, config_dir: Path | None = None) -> Path:
     Raises SettingsError that lists the shipped names when there is neither.
     """
     return _find(rig, RIGS, config_dir)
+
+
+def find_benchmark(benchmark: str | Path, config_dir: Path | None = None) -> Path:
+    """The file of a benchmark given by path or by shipped name.
+
+    Raises SettingsError that lists the shipped names when there is neither.
+    """
+    return _find(benchmark, BENCHMARKS, config_dir)
 
 
 def shipped_names(kind: str, config_dir: Path | None = None) -> tuple[str, ...]:
