@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hil.bench.designs import DESIGNS
 from hil.bench.dry_step import FAILURES
+from hil.bench.zero_figures import ZeroFigures, zero_figures
 from hil.core.eigenstructure import ComplexArray, augment
 from hil.core.gain_design import CalibratedDesign, GainDesign, RigDesign, closed_loop_poles, gain_matrix, noise_gain
 from hil.core.nonminimum_phase import AnySplitDesign
@@ -67,6 +68,8 @@ class DesignFigures:
     slowest_poles : mapping of str to complex
         The slowest closed-loop pole, 1/s, for each entry of `LOSSES` with gains not reconfigured; unstable where its
         real part is not negative.
+    zero : ZeroFigures or None
+        The design beside the bounds of a zero in the right half plane; None without one, or if the loop is not stable.
 
     """
 
@@ -77,6 +80,7 @@ class DesignFigures:
     cond_v: float
     noise_gain: float
     slowest_poles: Mapping[str, complex]
+    zero: ZeroFigures | None = None
 
     @property
     def is_stable(self) -> bool:
@@ -108,7 +112,7 @@ def design_figures(rig: Rig, design: str | GainDesign, where: str) -> DesignFigu
         raise SettingsError(f"{where}: control (design {name!r}): {error}") from None
     A, B = augment(linear)
     poles, vectors = np.linalg.eig(A - B @ K)
-    return DesignFigures(
+    figures = DesignFigures(
         name,
         K,
         requested,
@@ -117,6 +121,9 @@ def design_figures(rig: Rig, design: str | GainDesign, where: str) -> DesignFigu
         noise_gain(K, rig.tank_model.level_gain_V_cm),
         {loss: complex(closed_loop_poles(linear, K, left)[0]) for loss, left in LOSSES.items()},
     )
+    if not figures.is_stable:
+        return figures
+    return replace(figures, zero=zero_figures(rig, K, is_ahead=made.follows_reference))
 
 
 def stable_ones(rig: Rig, where: str) -> str:

@@ -19,8 +19,10 @@ from hil.bench.design_figures import (
     stable_ones,
 )
 from hil.bench.designs import DESIGNS
+from hil.bench.zero_figures import TOLERANCE_V, ZeroFigures
 from hil.core.eigenstructure import ComplexArray, augment
 from hil.core.tanks import LinearModel
+from hil.core.zero_bounds import zero_bound
 from hil.edge.config.rig_file import load_rig
 from hil.edge.config.settings_file import SettingsError, default_config_dir
 from hil.edge.config.shipped import find_rig
@@ -48,6 +50,8 @@ def run(console: Console, config_dir: Path | None, out: Path | None, rig_name: s
             console.print(f"not available: {error}", highlight=False, markup=False)
             continue
         _show_gains(console, designs[-1])
+        if designs[-1].zero is not None:
+            _show_bound(console, designs[-1].zero)
     if not designs:
         raise SettingsError(f"{rig_path}: none of the designs {', '.join(DESIGNS.names)} can be had on this rig")
     _show_robustness(console, designs)
@@ -73,6 +77,22 @@ def _show_process(console: Console, process: ProcessFigures) -> None:
     }
     for name, text in rows.items():
         console.print(f"{name:20} {text}", highlight=False, markup=False)
+    for line in _pairing_lines(process):
+        console.print(line, highlight=False, markup=False)
+
+
+def _pairing_lines(process: ProcessFigures) -> list[str]:
+    """Which pump the relative gains ask for at each output, and what an unstable zero acts on."""
+    first, second = (1, 2) if process.rga[0, 0] > 0.5 else (2, 1)
+    lines = [f"{'pairing':20} pump {first} with y1, pump {second} with y2"]
+    bound = zero_bound(process.linear)
+    if bound is not None:
+        e1, e2 = bound.direction
+        lines += [
+            f"The zero at {bound.zero_1_s:+.5f} 1/s is unstable. For every controller",
+            f"{e1:.3f} y1 {e2:+.3f} y2 goes the wrong way first.",
+        ]
+    return lines
 
 
 def _show_gains(console: Console, design: DesignFigures) -> None:
@@ -95,6 +115,20 @@ def _pole_lines(name: str, poles: ComplexArray) -> list[str]:
     words = [f"{pole.real:.5f}" + (f"{pole.imag:+.5f}j" if pole.imag else "") for pole in poles]
     rows = (words[at : at + 3] for at in range(0, len(words), 3))
     return [f"poles {name} [1/s]:", *(" ".join(f"{word:>18}" for word in row) for row in rows)]
+
+
+def _show_bound(console: Console, zero: ZeroFigures) -> None:
+    """Steps of the references and the sensitivity, beside what the zero permits."""
+    step_V = next(iter(zero.steps.values())).step_V[0]
+    table = Table(title=f"Steps of {step_V:g} V, and the least that the zero permits", title_justify="left")
+    for column in ("", f"within {1e3 * TOLERANCE_V:.0f} mV [s]", "at least", "error² [V² s]", "at least"):
+        table.add_column(column, justify="right" if column else "left")
+    for name, step in zero.steps.items():
+        settled = f"{step.settled_s:.0f}" if np.isfinite(step.settled_s) else "not yet"
+        errors = (f"{step.squared_error:.2f}", f"{step.least_squared_error:.2f}")
+        table.add_row(name, settled, f"{step.least_settled_s:.0f}", *errors)
+    console.print(table)
+    console.print(f"sensitivity peak {zero.peak:.2f}, at least {zero.least_peak:.2f}", highlight=False)
 
 
 def _show_robustness(console: Console, designs: Sequence[DesignFigures]) -> None:

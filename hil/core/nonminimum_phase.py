@@ -36,9 +36,9 @@ MAX_RELATIVE_GAIN = 15.0
 """Largest entry of the RGA, in magnitude, for which there is a design: an error of one part in fifteen of a single gain
 of the process makes it singular there. With two equal valves gamma1 + gamma2 is then between 0.984 and 1.017."""
 
-MIN_ZERO_1_S = 0.002
+MIN_ZERO_1_S = 0.004
 """Smallest unstable zero for which there is a design: its mirror image is the slowest pole, and the outputs would need
-half an hour to settle."""
+more than ten minutes to settle. With the tanks of `johansson_plus` that is gamma1 + gamma2 below some 0.92."""
 
 MIN_WEIGHT, MAX_WEIGHT = 1e-4, 1e6
 """Range of w. A law with less weight hardly reacts to an error."""

@@ -19,7 +19,7 @@ from math import ceil, inf, sqrt
 import numpy as np
 
 from hil.core.inflow_watch import LEARN_S
-from hil.core.tanks import TankModel, equilibrium, through_flow_matrix
+from hil.core.tanks import TankModel, equilibrium, linearise, through_flow_matrix, transmission_zeros
 from hil.core.types import NAMELESS, Alarm, Event, Pair, Quad, Severity
 
 Doubts = tuple[tuple[int, tuple[str, ...], float], ...]
@@ -40,6 +40,13 @@ LEVEL_MARGIN_CM = 2.0
 
 DRIVE_SHARE = 0.9
 """Nor a pump's drive above this share of its largest."""
+
+ZERO_RAMP, ZERO_SETTLE = 3.0, 2.0
+"""With an unstable zero z the ramp lasts ZERO_RAMP/z at least, and the outputs have ZERO_SETTLE/z to settle: before the
+upper tanks have filled the levels can't be where a faster ramp wants them, and they rise too high afterwards."""
+
+MAX_ZERO_S = 1000.0
+"""Largest 1/z that counts."""
 
 MAX_HALVINGS = 6
 """The rate is halved so often at the most to meet these limits."""
@@ -126,9 +133,19 @@ def plan(
     is_far = any(found < FAR_BELOW * wanted for found, wanted in zip(found_cm, wanted_cm, strict=True))
     if config.when is When.NEVER or (config.when is When.AUTO and not is_far):
         return None
-    ramp_s = ramp_time_s(config, model, found_cm, wanted_cm)
-    periods = ceil((ramp_s + config.settle_s) / period_s - PERIOD_TOLERANCE)
+    zero_s = _unstable_zero_s(model, wanted_cm)
+    ramp_s = max(ramp_time_s(config, model, found_cm, wanted_cm), ZERO_RAMP * zero_s)
+    periods = ceil((ramp_s + max(config.settle_s, ZERO_SETTLE * zero_s)) / period_s - PERIOD_TOLERANCE)
     return StartPhase((k * found_cm[0], k * found_cm[1]), ramp_s, periods * period_s, period_s)
+
+
+def _unstable_zero_s(model: TankModel, wanted_cm: Pair) -> float:
+    """1/z in s of the zero in the right half plane when the lower levels are held; 0 if both zeros are stable."""
+    levels = equilibrium(model, _ramp_voltages(model, wanted_cm, (0.0, 0.0)))
+    if min(levels) <= 0.0:
+        return 0.0
+    zero = float(transmission_zeros(linearise(model, levels)).max())
+    return min(1.0 / zero, MAX_ZERO_S) if zero > 0.0 else 0.0
 
 
 def ramp_time_s(config: StartConfig, model: TankModel, found_cm: Pair, wanted_cm: Pair) -> float:

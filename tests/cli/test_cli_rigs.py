@@ -73,6 +73,49 @@ def test_an_unknown_rig_is_refused_with_the_names_that_there_are(
     assert_refused(result, "johanson: no such file, and no shipped name; shipped rigs: " + ", ".join(SHIPPED))
 
 
+def test_the_design_is_shown_beside_the_bounds_of_the_zero(command_line: CommandLine) -> None:
+    """Without a zero in the right half plane there is no bound to show."""
+    text = " ".join(command_line("hil", "design", "--rig", "johansson_plus").out.split())
+    assert "zeros [1/s] -0.05625, 0.01276" in text
+    assert "relative gains -0.636, 1.636; 1.636, -0.636" in text
+    assert "pairing pump 2 with y1, pump 1 with y2" in text
+    assert "-0.633 y1 +0.774 y2 goes the wrong way first" in text
+    assert "the least that the zero permits" in text
+    assert "sensitivity peak 1.93, at least 1.12" in text
+    other = " ".join(command_line("hil", "design").out.split())
+    assert "pairing pump 1 with y1, pump 2 with y2" in other
+    assert "the zero permits" not in other
+
+
+def test_steps_on_the_other_phase_settle_near_what_the_zero_permits() -> None:
+    """Squared errors within a fifth of the least where the zero decides, settling within four times its bound."""
+    zero = hil.design("rig", rig="johansson_plus").zero
+    assert zero is not None
+    for name in ("output 1", "output 2", "apart"):
+        step = zero.steps[name]
+        assert step.least_squared_error < step.squared_error < 1.2 * step.least_squared_error
+        assert step.least_settled_s < step.settled_s < 4.0 * step.least_settled_s
+    assert zero.steps["both"].settled_s < 70.0
+    assert zero.least_peak < zero.peak < 2.0
+    assert hil.design("rig").zero is None
+
+
+def test_a_design_without_feedforward_is_judged_by_its_integrals() -> None:
+    """The same gains, but fixed: references act through the integrals alone, and settle later."""
+    design = hil.design("rig", rig="johansson_plus")
+    assert design.zero is not None
+
+    class Fixed:
+        follows_reference = False
+
+        def gains(self, linear: hil.LinearModel) -> hil.Gains:  # noqa: ARG002 - fixed
+            return hil.Gains.from_matrix(design.K)
+
+    slower = hil.design(Fixed(), rig="johansson_plus").zero
+    assert slower is not None
+    assert slower.steps["output 1"].settled_s > 1.5 * design.zero.steps["output 1"].settled_s
+
+
 def rig_between_the_phases(folder: Path) -> Path:
     """Johansson's other phase with its valves set so that they add up to almost 1."""
     text = (CONFIG / "rigs" / "johansson_plus.toml").read_text()
