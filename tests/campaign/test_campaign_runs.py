@@ -133,6 +133,7 @@ def test_a_trip_is_in_the_row_and_leaves_the_pumps_at_rest(case: Case) -> None:
     assert tripped.breaks == ()
 
 
+@pytest.mark.long
 def test_a_campaign_that_was_killed_goes_on_where_it_was(tmp_path: Path) -> None:
     file = campaign_file(tmp_path, FEW.replace("seeds = 3", "seeds = 12"))
     store = Store(tmp_path / "out")
@@ -164,6 +165,7 @@ def cases_in_order(file: Path, done: dict[str, Row]) -> list[Case]:
     return list(cases)
 
 
+@pytest.mark.long
 def test_dask_gives_the_same_rows_as_one_process(tmp_path: Path) -> None:
     file = campaign_file(tmp_path, FEW)
     assert run(file, tmp_path / "one", processes=1, report=False) == 0

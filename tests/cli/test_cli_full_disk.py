@@ -191,7 +191,10 @@ def test_a_real_disk_that_is_too_small(small_disk: Path, tmp_path: Path, command
     assert command_line("hil", "report", copy).code == 0, "what there is can be read"
 
 
-@pytest.mark.parametrize("free", [70_000, 0], ids=["room for run.json", "no room"])
+@pytest.mark.parametrize(
+    "free",
+    [pytest.param(70_000, id="room for run.json", marks=pytest.mark.long), pytest.param(0, id="no room")],
+)
 def test_a_disk_that_is_full_at_the_start(small_disk: Path, scenario: Path, free: int) -> None:
     """Rerun, whose writer a full disk had ended, used to wait for it for ever: at the start, and at the exit.
 
@@ -251,6 +254,7 @@ def test_standard_output_on_a_full_device(scenario: Path, tmp_path: Path, comman
         assert {"kpi.json", "report.html"} <= {path.name for path in folder.iterdir()}
 
 
+@pytest.mark.long
 def test_a_pipe_that_is_closed(scenario: Path, tmp_path: Path) -> None:
     """`hil simulate ... | head -1`: the run and its record are complete."""
     folder, line = tmp_path / "run", tmp_path / "stderr"
@@ -261,6 +265,7 @@ def test_a_pipe_that_is_closed(scenario: Path, tmp_path: Path) -> None:
     assert json.loads((folder / "run.json").read_text())["status"] == "complete"
 
 
+@pytest.mark.long
 def test_both_outputs_on_a_full_device(scenario: Path, tmp_path: Path) -> None:
     with Path("/dev/full").open("w") as full:
         command = [str(BIN / "hil"), "simulate", str(scenario), "--out", str(tmp_path / "run"), "--no-rerun"]

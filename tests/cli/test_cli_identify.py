@@ -40,6 +40,7 @@ def test_a_phase_begins_only_when_it_is_confirmed(
     assert not list((tmp_path / "x" / "phases").iterdir())
 
 
+@pytest.mark.long
 def test_a_truth_may_be_a_rig_a_scenario_or_an_emulator_file(tmp_path: Path, command_line: CommandLine) -> None:
     done = command_line(
         "hil", "identify", *EXPERIMENT, "--truth", "decenter2021", "--out", tmp_path / "falling sensors"

@@ -1,7 +1,4 @@
-"""An experiment told once: as the files that the controller and the emulator read, and as numbers for the reference.
-
-Runs go to worker processes, so that several can be made at a time.
-"""
+"""An experiment told once: as the files that the controller and the emulator read, and as numbers for the reference."""
 
 from __future__ import annotations
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Future
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tests.closed_loop.conftest import Start
+from tests.closed_loop.conftest import Plan, Planned
 from tests.closed_loop.loop_experiment import Experiment, Loss, Run, Step, simulate
 from tests.closed_loop.loop_reference import Reference, plant_of
 
@@ -102,8 +101,8 @@ EXPERIMENTS = (
 
 
 @pytest.fixture(scope="module")
-def runs(start_run: Start) -> dict[str, Future[Run]]:
-    return {experiment.name: start_run(experiment) for experiment in EXPERIMENTS}
+def runs(plan_run: Plan) -> dict[str, Planned]:
+    return {experiment.name: plan_run(experiment) for experiment in EXPERIMENTS}
 
 
 def assert_agrees_with_continuous_time(run: Run, experiment: Experiment, within_Vs: float) -> None:
@@ -113,8 +112,8 @@ def assert_agrees_with_continuous_time(run: Run, experiment: Experiment, within_
         assert run.kpi.iae_Vs[window] == pytest.approx(expected, rel=0.005, abs=within_Vs), window
 
 
-@pytest.mark.parametrize("experiment", EXPERIMENTS, ids=lambda experiment: experiment.name)
-def test_a_run_agrees_with_the_loop_in_continuous_time(runs: dict[str, Future[Run]], experiment: Experiment) -> None:
+@pytest.mark.parametrize("experiment", [*EXPERIMENTS[:2], *EXPERIMENTS[-2:]], ids=lambda experiment: experiment.name)
+def test_a_run_agrees_with_the_loop_in_continuous_time(runs: dict[str, Planned], experiment: Experiment) -> None:
     """At a control period of 40 ms, which adds an error of first order."""
     assert_agrees_with_continuous_time(runs[experiment.name].result(), experiment, 0.004)
 
@@ -127,7 +126,7 @@ def test_the_shorter_the_period_the_nearer_to_continuous_time(experiment: Experi
     assert_agrees_with_continuous_time(simulate(shorter.toml(), tmp_path / "run"), shorter, 0.002)
 
 
-def test_an_unreachable_reference_is_said_to_be_one(runs: dict[str, Future[Run]]) -> None:
+def test_an_unreachable_reference_is_said_to_be_one(runs: dict[str, Planned]) -> None:
     run = runs[EXPERIMENTS[-1].name].result()
     events = [event for event in run.events if event.code == "target"]
     assert [event.t_s for event in events] == [pytest.approx(21.0), pytest.approx(120.0)]

@@ -7,7 +7,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from tests.closed_loop.conftest import Start
+from tests.closed_loop.conftest import Plan
 from tests.closed_loop.loop_experiment import CONFIG, Experiment, Loss, Run, Step, kept, shipped
 from tests.closed_loop.loop_reference import Plant
 
@@ -26,10 +26,10 @@ SHORT = Experiment(
 
 
 @pytest.fixture(scope="module")
-def pairs(start_run: Start) -> dict[int, tuple[Run, Run]]:
+def pairs(plan_run: Plan) -> dict[int, tuple[Run, Run]]:
     """Seed -> run with gains reconfigured, run with gains kept."""
-    started = {seed: (start_run(SHORT, seed), start_run(kept(SHORT), seed)) for seed in SEEDS}
-    return {seed: (ours.result(), theirs.result()) for seed, (ours, theirs) in started.items()}
+    planned = {seed: (plan_run(SHORT, seed), plan_run(kept(SHORT), seed)) for seed in SEEDS}
+    return {seed: (ours.result(), theirs.result()) for seed, (ours, theirs) in planned.items()}
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -45,8 +45,8 @@ def test_every_run_keeps_within_the_rig(pairs: dict[int, tuple[Run, Run]], seed:
         assert_within_the_rig(run)
 
 
-def test_the_shipped_scenario_keeps_within_the_rig_to_its_end(start_run: Start) -> None:
-    run = start_run(shipped("paper")).result()
+def test_the_shipped_scenario_keeps_within_the_rig_to_its_end(plan_run: Plan) -> None:
+    run = plan_run(shipped("paper")).result()
     assert_within_the_rig(run)
     assert run.kpi.duration_s == pytest.approx(500.0, abs=1.0)
     for window in ("gain_fall", "reference_step"):
@@ -83,8 +83,8 @@ OTHER_TRUTH = Experiment(
 
 
 @pytest.fixture(scope="module")
-def other_truth(start_run: Start) -> Run:
-    return start_run(OTHER_TRUTH).result()
+def other_truth(plan_run: Plan) -> Run:
+    return plan_run(OTHER_TRUTH).result()
 
 
 def test_outputs_settle_on_the_reference_though_the_model_is_three_per_cent_off(other_truth: Run) -> None:

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Future
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.closed_loop.conftest import Start
+from tests.closed_loop.conftest import Plan, Planned
 from tests.closed_loop.loop_experiment import Experiment, Loss, Run
 
 LOSS_AT_S = 20.0
 
 
 @pytest.fixture(scope="module")
-def runs(start_run: Start) -> dict[tuple[str, int], Future[Run]]:
+def runs(plan_run: Plan) -> dict[tuple[str, int], Planned]:
     return {
-        (design, pump): start_run(
+        (design, pump): plan_run(
             Experiment(
                 f"{design}-{pump}",
                 240.0,
@@ -36,7 +35,7 @@ def errors_V(run: Run) -> Any:  # noqa: N802
 
 
 @pytest.mark.parametrize("pump", [1, 2])
-def test_the_rigs_design_settles_with_gains_kept(runs: dict[tuple[str, int], Future[Run]], pump: int) -> None:
+def test_the_rigs_design_settles_with_gains_kept(runs: dict[tuple[str, int], Planned], pump: int) -> None:
     run = runs["rig", pump].result()
     assert run.kpi.status == "complete"
     t_s, error = run.columns["t_s"], np.abs(errors_V(run))
@@ -48,14 +47,14 @@ def test_the_rigs_design_settles_with_gains_kept(runs: dict[tuple[str, int], Fut
 
 
 @pytest.mark.parametrize("pump", [1, 2])
-def test_the_other_output_hardly_notices(runs: dict[tuple[str, int], Future[Run]], pump: int) -> None:
+def test_the_other_output_hardly_notices(runs: dict[tuple[str, int], Planned], pump: int) -> None:
     run = runs["rig", pump].result()
     error = np.abs(errors_V(run))[run.columns["t_s"] < 240.0]
     assert error[:, 2 - pump].max() < 0.02 * error[:, pump - 1].max()
 
 
 def test_the_calibrated_design_loses_pump_1_and_the_supervisor_stops_it(
-    runs: dict[tuple[str, int], Future[Run]],
+    runs: dict[tuple[str, int], Planned],
 ) -> None:
     """Errors grow until tank 2 is about to overflow, 16 s after the loss; the interlock takes both pumps to 0 V."""
     run = runs["calibrated", 1].result()

@@ -47,6 +47,7 @@ def test_an_lqr_as_a_design_of_ones_own(run_example: Callable[[str], str]) -> No
     assert float(figures["LqrDesign"]) < 10.0, "it controls: without control this window comes to more than 40 V s"
 
 
+@pytest.mark.long
 def test_a_detector_of_ones_own(run_example: Callable[[str], str]) -> None:
     out = run_example("own_detector")
     reported = re.findall(r"pump_effectiveness (\d) reported at ([0-9.]+) s", out)

@@ -72,21 +72,17 @@ def test_case_02_random_loss(seed: int) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", [1, 2])
-def test_case_02_random_loss_for_an_hour(seed: int) -> None:
+def test_case_02_random_loss_for_an_hour() -> None:
     """5 % of what the nodes send is lost, for an hour: no trip."""
-    run = play(scenario_data(*lossy(), duration_s=3600.0), seed=seed)
+    run = play(scenario_data(*lossy(), duration_s=3600.0), seed=1)
     assert_no_trip(run)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", [1, 2])
-def test_case_02_random_loss_both_ways_for_an_hour(seed: int) -> None:
+def test_case_02_random_loss_both_ways_for_an_hour() -> None:
     """5 % of all frames, commands too, with a control period of 40 ms: six commands in a row would have to be lost."""
     rig = {"control": {"period_s": 0.04}}
-    run = play(
-        scenario_data(fault("frame_loss", 0.0, "all", 0.05), duration_s=3600.0, rig=rig), seed=seed, checks=False
-    )
+    run = play(scenario_data(fault("frame_loss", 0.0, "all", 0.05), duration_s=3600.0, rig=rig), seed=2, checks=False)
     assert_no_trip(run)
     assert run.outcome.commands_lost > 3000
     assert (run.seen.range_broken, run.seen.latch_broken) == ("", "")

@@ -111,7 +111,7 @@ def test_case_45_nothing_wrong(seed: int) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", [11, 12, 13])
+@pytest.mark.parametrize("seed", [11, 12])
 def test_case_45_nothing_wrong_for_an_hour(seed: int) -> None:
     """Steps, disturbances and 5 % model error, an hour: no alarm."""
     run = play(quiet(3600.0), seed=seed)

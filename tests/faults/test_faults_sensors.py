@@ -66,7 +66,7 @@ def test_case_31_sensor_stuck_while_levels_still_move(seed: int, at_s: float, se
     assert_substituted(run, sensor, at_s + 5.0)
 
 
-@pytest.mark.parametrize("rate_V_s", first(2, 0.05, -0.1, 0.01, -0.02, 0.02, -0.05, 0.1))
+@pytest.mark.parametrize("rate_V_s", first(1, 0.05, -0.1, 0.01, -0.02, 0.02, -0.05, 0.1))
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_case_32_sensor_drifts(sensor: int, rate_V_s: float) -> None:
     """A drift is found before what is believed of the level is 2 cm off.

@@ -87,6 +87,7 @@ def test_a_change_of_a_helper_in_another_file_is_seen_and_nothing_outdated_remai
     assert cache_files(toy) == files
 
 
+@pytest.mark.long
 def test_a_change_that_is_not_compiled_in_keeps_the_cache(toy: Path) -> None:
     (toy / "other.py").write_text("NUMBER = 1\n")
     python("-c", CALL, path=toy.parent)
@@ -154,6 +155,7 @@ def test_the_digest_of_a_module_follows_all_that_it_imports_and_nothing_else(
     assert {name for name, old, new in zip(names, before, after, strict=True) if old != new} == changed
 
 
+@pytest.mark.long
 def test_a_cache_that_names_a_class_of_before_is_compiled_again(toy: Path) -> None:
     """numba reads the types of the arguments before the digest: a class with a new name ended every process."""
     for name in ("Before", "After"):

@@ -31,12 +31,19 @@ def named(log: RunLog) -> list[tuple[str, int]]:
     return [(alarm.kind, alarm.target) for alarm in log.settled()]
 
 
-@pytest.mark.parametrize("seed", [31, 32])
+@pytest.mark.parametrize("seed", [31, pytest.param(32, marks=pytest.mark.long)])
 def test_a_healthy_rig_raises_no_alarm(seed: int) -> None:
     assert play(seed, 200.0, steps=((20.0, 0.3), (90.0, -0.5), (150.0, 0.4))).alarms == []
 
 
-@pytest.mark.parametrize("kwargs", [{"noise_V": 0.0075}, {"lag_s": 0.3}, {"lag_s": 0.1}, {"spread": 0.05}])
+@pytest.mark.parametrize(
+    "kwargs",
+    [
+        {"lag_s": 0.3},
+        {"spread": 0.05},
+        *(pytest.param(one, marks=pytest.mark.long) for one in ({"noise_V": 0.0075}, {"lag_s": 0.1})),
+    ],
+)
 def test_nor_does_one_that_is_not_quite_what_the_file_says(kwargs: dict[str, float]) -> None:
     assert play(0, 150.0, steps=((20.0, 0.3), (90.0, -0.5)), plant=Plant(33, **kwargs)).alarms == []
 
@@ -107,7 +114,15 @@ HASTY = GlrDetector(MODEL, 0.2, 0.005, Tuning(margin=0.0, drift_margin=0.0))
 """Settles upon the leader at once, which is the wrong one every other time."""
 
 
-@pytest.mark.parametrize(("seed", "tank", "share"), [(60, 0, 0.2), (66, 0, 0.2), (63, 1, 0.3), (66, 1, 0.3)])
+@pytest.mark.parametrize(
+    ("seed", "tank", "share"),
+    [
+        (60, 0, 0.2),
+        (63, 1, 0.3),
+        pytest.param(66, 0, 0.2, marks=pytest.mark.long),
+        pytest.param(66, 1, 0.3, marks=pytest.mark.long),
+    ],
+)
 def test_a_blockage_that_was_called_a_drift_is_found_out_and_the_sensor_used_again(
     seed: int, tank: int, share: float
 ) -> None:
@@ -122,7 +137,9 @@ def test_a_blockage_that_was_called_a_drift_is_found_out_and_the_sensor_used_aga
     assert 2.0 * max(level[tank] for level in log.true_V) < 15.0
 
 
-@pytest.mark.parametrize("seed", [60, 63, 65])
+@pytest.mark.parametrize(
+    "seed", [60, pytest.param(63, marks=pytest.mark.long), pytest.param(65, marks=pytest.mark.long)]
+)
 def test_a_drift_that_is_one_stays_one(seed: int) -> None:
     log = play(seed, FAULT_S + 45.0, ((FAULT_S, put("drift", 0, 0.04)),), detector=HASTY)
     assert named(log) == [("sensor_drift", 1)]
@@ -215,7 +232,7 @@ def test_a_dead_pump_stands_by_the_other_does_what_it_can_and_all_is_well_when_i
     assert log.true_V[-1][:2] == pytest.approx(log.last.reference_V, abs=0.05)
 
 
-@pytest.mark.parametrize("left", [(0.25, 1.0), (1.0, 0.2)])
+@pytest.mark.parametrize("left", [(0.25, 1.0), pytest.param((1.0, 0.2), marks=pytest.mark.long)])
 def test_a_pump_at_its_limit_does_not_latch(left: Pair) -> None:
     log = play(51, 330.0, ((FAULT_S, lose(*left)), (200.0, lose(1.0, 1.0))))
     weak = left.index(min(left))
@@ -268,6 +285,7 @@ def test_flapping_at_the_threshold_changes_the_gains_once_in_ten_seconds() -> No
     assert all(later - earlier >= 10.0 - 1e-6 for earlier, later in pairwise(changes))
 
 
+@pytest.mark.long
 def test_the_papers_fault_without_its_assumption() -> None:
     """Both pumps -60 %: a third of what the paper's loop loses with a perfect detector and 1 s delay."""
     both = play(47, 250.0, ((100.0, lose(0.4, 0.4)),), steps=()).iae(100.0, 250.0)

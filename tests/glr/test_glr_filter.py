@@ -97,7 +97,9 @@ def test_the_prediction_is_eq_1() -> None:
     assert x[:6] == pytest.approx(exact, abs=2e-5)
 
 
-@pytest.mark.parametrize("seed", [11, 12, 13])
+@pytest.mark.parametrize(
+    "seed", [11, pytest.param(12, marks=pytest.mark.long), pytest.param(13, marks=pytest.mark.long)]
+)
 def test_innovations_are_white_and_as_large_as_the_filter_says(seed: int) -> None:
     plant, squares, products = Plant(seed), [], []
     memory, last = None, np.zeros(4)

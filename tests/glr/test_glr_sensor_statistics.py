@@ -50,7 +50,7 @@ def wandering(periods: int) -> npt.NDArray[np.float64]:
 
 
 @pytest.mark.parametrize("noise_V", [0.002, 0.005, 0.0075, 0.05])
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_a_healthy_sensor_is_never_called_stuck(noise_V: float, seed: int) -> None:
     assert watch(Sensor(noise_V, seed), SensorStatistics(FILE_NOISE_V**2), wandering(20_000)) == []
 

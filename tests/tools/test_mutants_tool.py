@@ -74,6 +74,7 @@ def test_a_survivor_is_named_with_its_line_before_and_after(toy: Path) -> None:
     assert "return value > LIMIT" not in done.stdout
 
 
+@pytest.mark.long
 def test_accepted_survivors_pass_and_an_entry_that_does_not_survive_fails(toy: Path) -> None:
     done = judged(toy, *SURVIVORS)
     assert (done.returncode, "4 accepted survivors, 0 unlisted" in done.stdout) == (0, True), done.stdout
@@ -82,6 +83,7 @@ def test_accepted_survivors_pass_and_an_entry_that_does_not_survive_fails(toy: P
     assert "accepted, but did not survive: hil.limits: return value > LIMIT" in done.stdout
 
 
+@pytest.mark.long
 def test_a_test_that_fails_without_any_change_kills_nothing(toy: Path) -> None:
     (toy / "tests/toy/test_limits.py").write_text(TEST.replace("is_over(6)", "is_over(4)"))
     done = judged(toy)
