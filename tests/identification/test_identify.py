@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hil.core.identification.identify import identify
+from hil.core.identification.null_directions import moves
 from hil.core.identification.parameters import Choice, RigModel
 from hil.core.identification.records import LevelRecord
 from hil.core.identification.result import Identification
@@ -85,6 +86,16 @@ def test_a_record_at_rest_is_refused_with_its_directions(truth: Truth) -> None:
     assert len([one for one in found.null_directions if not one.names[0].startswith("lag")]) == 4
     assert found.model == RigModel()
     assert all(one.status != "identified" for one in found.parameters)
+
+
+def test_a_run_at_rest_is_refused_as_one_at_rest_though_it_begins_and_ends_at_zero_volts(truth: Truth) -> None:
+    """Its first and last rows counted as movement, and the refusal said that the fit did not converge."""
+    rest = later(experiment(truth, rest_plan(2.5, 700.0)), 600.0)
+    voltage_V = rest.voltage_V.copy()
+    voltage_V[:3] = voltage_V[-3:] = 0.0
+    assert not any(moves([replace(rest, voltage_V=voltage_V)], pump) for pump in (0, 1))
+    found = identify([replace(rest, voltage_V=voltage_V)], RigModel())
+    assert "neither pump moved" in found.refusal
 
 
 def test_a_pump_that_never_moved_is_named_and_the_rest_is_found(truth: Truth, held_out: LevelRecord) -> None:

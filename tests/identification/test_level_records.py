@@ -9,7 +9,7 @@ from firmware_sim.rig import Rig as Emulator
 from firmware_sim.settings import load, load_fingerprint
 from hil.bench.experiment_run import EmulatedStage, ExperimentOptions, run_experiment
 from hil.bench.identify_inputs import load_bench, records_of, rig_model
-from hil.core.identification.fit import fit_initial
+from hil.core.identification.robust_fit import fit_initial
 from hil.core.identification.simulation import simulate
 from hil.edge.config.settings_file import default_config_dir
 from hil.edge.record.run_folder import RunFolder, RunFolderError

@@ -21,10 +21,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.core.identification.fit import Fit, fit, fit_initial
 from hil.core.identification.parameters import Choice, RigModel
 from hil.core.identification.records import LevelRecord
+from hil.core.identification.robust_fit import RobustFit, fit_initial, robust_fit
 from hil.core.identification.simulation import simulate
+from hil.core.identification.unknowns import Unknowns, unknowns
 from hil.core.tanks import TankModel
 
 Array = NDArray[np.float64]
@@ -45,16 +46,20 @@ HEIGHTS_CM = (9.0, 11.0, 13.0)
 TOP_CM = 10.3
 """Rim of the lower tank: its sensor ends below."""
 OFFSET_V = 0.5
-LIMITS = {"datum1": (0.0, 30.0), "curve2": (-0.06, 0.1)}
 EVERY_RESIDUAL = 1e3
 """No residual is an outlier: what is to be small is the plain RMSE."""
+LIMITS = {"datum1": (0.0, 30.0), "curve2": (-0.06, 0.1)}
 
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """A fit and its simulation error on both halves, V. height_cm : of the upper tank's rim."""
+    """A fit and its simulation error on both halves, V. height_cm : of the upper tank's rim.
 
-    fit: Fit
+    names : of what was fitted, with its values.
+    """
+
+    names: tuple[str, ...]
+    values: Array
     rmse_V: float
     test_rmse_V: float
     height_cm: float
@@ -108,11 +113,12 @@ def start_model(height_cm: float, offset_V: float = 0.0) -> RigModel:
     return replace(model, sensors=sensors, pumps=replace(model.pumps, dead_zone_V=(0.0, 0.5)))
 
 
-def fitted(record: LevelRecord, start: RigModel, free: Iterable[str]) -> Fit:
-    """The fit of these parameters from this start, all others fixed."""
+def fitted(record: LevelRecord, start: RigModel, free: Iterable[str]) -> tuple[RigModel, Unknowns, RobustFit]:
+    """The fit of these parameters from this start, all others fixed: the model, the unknowns and their values."""
     fixed = {group: Choice("fixed") for group in ("k", "gamma", "a", "lag")}
-    choices = {**fixed, **{name: Choice("free") for name in free}}
-    return fit((record,), start, choices, limits=LIMITS, outlier_sd=EVERY_RESIDUAL)
+    wanted = unknowns((record,), start, {**fixed, **{name: Choice("free") for name in free}}, LIMITS)
+    found = robust_fit((record,), start, wanted, outlier_sd=EVERY_RESIDUAL)
+    return wanted.model(start, found.values), wanted, found
 
 
 def best(estimation: LevelRecord, test: LevelRecord, structure: str) -> Result:
@@ -120,7 +126,7 @@ def best(estimation: LevelRecord, test: LevelRecord, structure: str) -> Result:
     offset_V = OFFSET_V if "sensor_offset1" in STRUCTURES[structure] else 0.0
     free = (*FREE, *STRUCTURES[structure])
     fits = [fitted(estimation, start_model(height_cm, offset_V), free) for height_cm in HEIGHTS_CM]
-    return min((judged(one, estimation, test) for one in fits), key=lambda result: result.rmse_V)
+    return min((judged(*one, estimation, test) for one in fits), key=lambda result: result.rmse_V)
 
 
 def simulation_error(model: RigModel, record: LevelRecord, initial_cm: tuple[float, float, float, float]) -> float:
@@ -129,13 +135,13 @@ def simulation_error(model: RigModel, record: LevelRecord, initial_cm: tuple[flo
     return float(np.sqrt(np.mean(residual**2)))
 
 
-def judged(found: Fit, estimation: LevelRecord, test: LevelRecord) -> Result:
+def judged(model: RigModel, wanted: Unknowns, found: RobustFit, estimation: LevelRecord, test: LevelRecord) -> Result:
     """The errors on both halves."""
-    model = found.model
     first = fit_initial(model, test, FIRST_S)
     return Result(
-        found,
-        simulation_error(model, estimation, found.records[0].initial_cm),
+        wanted.names,
+        found.values,
+        simulation_error(model, estimation, wanted.initial(0, found.values)),
         simulation_error(model, test, first),
         model.tanks.height_cm[2],
     )

@@ -54,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def values(result: Result) -> str:
     """The values of a fit in one line."""
-    named = ", ".join(f"{name} {value:.4g}" for name, value in zip(result.fit.names, result.fit.values, strict=True))
+    named = ", ".join(f"{name} {value:.4g}" for name, value in zip(result.names, result.values, strict=True))
     return f"{named}, rim of tank 3 {result.height_cm:g} cm"
 
 

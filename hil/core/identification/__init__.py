@@ -11,7 +11,7 @@ Pure, as all of `hil.core`: numbers in, numbers out. Module by module:
     unknowns     what a fit looks for, with limits and priors
     minimum      the minimum at a given noise, and the noise of residuals
     starts       other starts, for a fit that ended far from its readings
-    fit          the least-squares fit
+    robust_fit   the robust fit from afar, from which an estimate starts
     whitening    the filter that makes residuals white: waves and turbulence
     noise_model  how large the sensors' noise, waves and turbulence are
     intervals    the covariance of the estimate, where residuals are still coloured, too

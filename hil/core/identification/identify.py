@@ -20,7 +20,6 @@ import numpy as np
 
 from hil.core.counted import counted
 from hil.core.identification.estimate import RigEstimate, estimate
-from hil.core.identification.fit import fit_initial
 from hil.core.identification.noise_model import Array, root_mean_square
 from hil.core.identification.null_directions import (
     Identifiability,
@@ -42,6 +41,7 @@ from hil.core.identification.parameters import (
 from hil.core.identification.problem import Priors
 from hil.core.identification.records import LevelRecord
 from hil.core.identification.result import FittedParameter, Identification, NullDirection, Prediction, Status
+from hil.core.identification.robust_fit import fit_initial
 from hil.core.identification.simulation import levels, prediction, simulate
 from hil.core.identification.starting import starting_point
 from hil.core.identification.structure import choose_structure
@@ -97,6 +97,9 @@ def identify(
     if told.undetermined:
         found = _with_priors(found, told, training, begin, start, settled, weak)
     reason = _misfit(found, training)
+    if not found.is_converged and told.undetermined:
+        is_at_rest = not any(moves(training, pump) for pump in (0, 1))
+        reason = _at_rest(told) if is_at_rest else f"{reason}: {null[0].text}" if null else reason
     if reason:
         return _refused(start, reason, null)
     return _result(found, told, null, chosen.groups, start, training, judges)

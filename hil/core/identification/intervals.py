@@ -67,7 +67,7 @@ def covariance(white: Whitened, besides: Array) -> Array:
     coloured = coloured_channels(white)
     size = max(float(np.mean(white.residual**2)), 1.0) if len(white.residual) else 1.0
     if not coloured:
-        return inverse * size
+        return scaled_inverse(white.sensitivity.T @ white.sensitivity / size + besides)
     middle = besides.copy()
     m, p = white.sensitivity.shape
     for channel in range(4):

@@ -1,6 +1,6 @@
 """The minimum of the robust cost of records, at a given noise: scipy's trust-region least squares.
 
-What `fit` calls, again and again with better estimates of the noise.
+What `robust_fit` calls, again and again with better estimates of the noise.
 """
 
 from __future__ import annotations

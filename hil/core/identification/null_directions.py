@@ -24,7 +24,9 @@ KNOWN_SHARE = 0.3
 """Data that shrink the plausible range of a parameter to this share of it, or less, determine the parameter."""
 MIN_SINGULAR = 1e-5
 NAMED_WEIGHT = 0.05
-MOVED_V = 0.2
+MOVED_V = 0.3
+"""A law that holds a level moves its pumps by less, by the noise of the sensors."""
+MOVED_QUANTILES = (0.01, 0.99)
 
 _RELATIVE = {"k": 0.2, "a": 0.2, "sensor_gain": 0.1}
 _ABSOLUTE = {
@@ -170,5 +172,9 @@ def _has_readings(record: LevelRecord, tank: int) -> bool:
 
 
 def moves(records: Sequence[LevelRecord], pump: int) -> bool:
-    """Whether the voltage of a pump (0, 1) changes by more than `MOVED_V` within any record."""
-    return any(float(np.ptp(record.voltage_V[:, pump])) > MOVED_V for record in records)
+    """Whether the voltage of a pump (0, 1) changes by more than `MOVED_V` within any record.
+
+    The first and the last moments do not count: a run begins and ends at 0 V.
+    """
+    ends = [np.quantile(record.voltage_V[:, pump], MOVED_QUANTILES) for record in records]
+    return any(float(high - low) > MOVED_V for low, high in ends)

@@ -111,7 +111,7 @@ def simulate(
 ) -> Prediction:
     """The record, and what the model predicts for its voltages.
 
-    initial_cm : levels at its start; None: `first_levels`. To fit them: `fit.fit_initial`.
+    initial_cm : levels at its start; None: `first_levels`. To fit them: `robust_fit.fit_initial`.
     """
     level_cm = levels(model, record, first_levels(model, record) if initial_cm is None else initial_cm).level_cm
     return prediction(model, record, level_cm, is_held_out)

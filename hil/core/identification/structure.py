@@ -25,8 +25,9 @@ from numpy.typing import NDArray
 
 from hil.core.identification.estimate import RigEstimate, estimate
 from hil.core.identification.gauss_newton import minimise
+from hil.core.identification.intervals import scaled_inverse
 from hil.core.identification.noise_model import NoiseModel
-from hil.core.identification.null_directions import identifiability
+from hil.core.identification.null_directions import identifiability, plausible
 from hil.core.identification.parameters import BASIC, BY_NAME, PARAMETERS, Choice, RigModel, values_of, with_values
 from hil.core.identification.problem import Priors, Problem
 from hil.core.identification.records import LevelRecord
@@ -188,11 +189,22 @@ def evidence(found: RigEstimate, start: RigModel, group: str) -> float:
 
 
 def reduced_values(found: RigEstimate, start: RigModel, group: str) -> dict[str, float]:
-    """Where the other unknowns move, by linear theory, if a group is as in the file."""
+    """Where the other unknowns move, by linear theory, if a group is as in the file.
+
+    Those at a limit stay, and none moves much further than is plausible: of the level in an empty tank the records
+    tell nothing, and by linear theory alone it was full.
+    """
     at, away = _group(found, start, group)
-    block = found.covariance[np.ix_(at, at)]
-    values = found.values - found.covariance[:, at] @ np.linalg.pinv(block, hermitian=True) @ away
-    limits = found.problem.unknowns
+    limits, values = found.problem.unknowns, found.values.copy()
+    span = 1e-9 * (limits.high - limits.low)
+    is_inside = (values > limits.low + span) & (values < limits.high - span)
+    others = [i for i in np.flatnonzero(is_inside).tolist() if i not in at]
+    held = [plausible(found.names[i], float(values[i])) ** -2.0 for i in others]
+    information = found.normal.information
+    inverse = scaled_inverse(information[np.ix_(others, others)] + np.diag(held))
+    pull: Array = information[np.ix_(others, at)] @ away
+    values[others] += inverse @ pull
+    values[at] -= away
     return dict(zip(found.names, np.clip(values, limits.low, limits.high).tolist(), strict=True))
 
 
