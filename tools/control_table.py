@@ -36,7 +36,7 @@ GAIN_V_CM = 0.5
 
 VARIANTS: Mapping[str, Mapping[str, Any]] = {
     "rig design": {},
-    "no feedforward": {},
+    "no feedforward": {"feedforward": False},
     "gains kept": {"reconfigure": False},
 }
 

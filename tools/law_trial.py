@@ -46,6 +46,10 @@ class References:
         past = (value for at_s, value in reversed(self.schedule) if at_s <= t_s + 1e-6)
         return next(past, self.schedule[0][1])
 
+    def rate(self, t_s: float) -> Pair:  # noqa: ARG002 - every change is a step
+        """Rates in V/s."""
+        return 0.0, 0.0
+
 
 @dataclass(frozen=True, slots=True)
 class Trial:

@@ -22,7 +22,9 @@ from pydantic import create_model
 
 from hil.bench.choice_table import ChoiceTable, TableChoice
 from hil.core.control_law import ControlLaw
+from hil.core.feedforward import PathLimits
 from hil.core.gain_design import GainDesign
+from hil.core.laws.path_follower import PathFollower
 from hil.core.laws.state_feedback_law import StateFeedbackLaw
 from hil.core.pumps import PumpPath
 from hil.core.reconfiguration import Reconfiguration
@@ -86,7 +88,26 @@ def state_feedback_law(setup: LawSetup) -> ControlLaw:
     reconfiguration = Reconfiguration(
         setup.model, setup.make_design(), setup.pumps.max_drives, setup.operating_drives, setup.pumps
     )
-    return StateFeedbackLaw(reconfiguration, setup.period_s, setup.rig.control.anti_windup_s)
+    wanted = setup.scenario.control.feedforward
+    is_on = reconfiguration.design.follows_reference if wanted is None else wanted
+    follower = PathFollower(reconfiguration, _path_limits(setup)) if is_on else None
+    return StateFeedbackLaw(reconfiguration, setup.period_s, setup.rig.control.anti_windup_s, follower)
+
+
+def _path_limits(setup: LawSetup) -> PathLimits:
+    """What the pumps of this rig allow."""
+    pumps, rig = setup.pumps, setup.rig
+    ranges = pumps.drive_ranges
+    slopes = [max(pumps.slope(pump, drive) for drive in ranges[pump]) for pump in (0, 1)]
+    rate_V_s = rig.pumps.rate_V_s
+    return PathLimits(
+        drives_V=ranges,
+        rate_V_s=(rate_V_s / slopes[0], rate_V_s / slopes[1]),
+        lag_s=setup.lags_s,
+        level_max_cm=rig.safety.level_max_cm,
+        period_s=setup.period_s,
+        delay_s=pumps.delay_s,
+    )
 
 
 LAWS: ChoiceTable[LawMaker] = ChoiceTable(

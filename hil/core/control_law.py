@@ -42,6 +42,10 @@ class ReferencePath(Protocol):
         """References (2,) in V at run time t_s; before time 0 those of the start phase, on the way to the first."""
         ...
 
+    def rate(self, t_s: float) -> Pair:
+        """Rates (2,) in V/s at which the references move from t_s on; 0 where they are at rest, and at a step."""
+        ...
+
 
 @dataclass(frozen=True, slots=True)
 class LawInputs:

@@ -32,6 +32,7 @@ from dataclasses import dataclass, replace
 from math import exp, sqrt
 
 import numpy as np
+from scipy.linalg import solve_continuous_are
 
 from hil.core.tanks import Array, TankModel, equilibrium, level_rates, linearise, outflows, transmission_zeros
 from hil.core.types import Pair, Quad
@@ -135,7 +136,7 @@ def target_of(model: TankModel, drive_V: Pair) -> Target:
     """The target that these effective drives (2,) hold."""
     held_V = max(drive_V[0], 0.0), max(drive_V[1], 0.0)
     levels = equilibrium(model, held_V)
-    return Target(levels, held_V, None if is_decoupled(model) else _lqr_gain(model, levels))
+    return Target(levels, held_V, coupled_gain(model, levels))
 
 
 def at_rest(target: Target, limits: PathLimits) -> FeedforwardPath:
@@ -167,14 +168,14 @@ def advance(
     limits : in effective drives. estimate_cm : (4,) level estimate at the next step, None if the path is not to follow
     it. rate_cm_s : (2,) at which the target's lower levels move. periods : of the control since the last step.
     """
-    for _ in range(min(max(periods, 1), MAX_PERIODS)):
-        path = _moved(model, limits, path)
+    for _ in range(min(max(periods, 0), MAX_PERIODS)):
+        path = moved(model, limits, path)
     if estimate_cm is not None:
         path = _following(model, limits, path, target, estimate_cm)
     return replace(path, drive_V=_drives(model, limits, path, target, rate_cm_s))
 
 
-def _moved(model: TankModel, limits: PathLimits, path: FeedforwardPath) -> FeedforwardPath:
+def moved(model: TankModel, limits: PathLimits, path: FeedforwardPath) -> FeedforwardPath:
     """The model rig one period later: Heun's rule, with the mean of the lagged drives."""
     dt, flows, means, queues = limits.period_s, [], [], []
     for pump in (0, 1):
@@ -286,10 +287,13 @@ def _upper_bounds(model: TankModel, limits: PathLimits, path: FeedforwardPath, t
     return floor, max(ceiling, floor)
 
 
-def _lqr_gain(model: TankModel, level_cm: Quad) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Optimal state feedback (2, 4), V/cm, at these levels, for the lower levels' squared errors."""
-    from scipy.linalg import solve_continuous_are
+def coupled_gain(model: TankModel, level_cm: Quad) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+    """LQR gain (2, 4), V/cm, at these levels (4,), for the lower levels' squared errors.
 
+    None where each output can be moved by its own pump.
+    """
+    if is_decoupled(model):
+        return None
     h1, h2, h3, h4 = (max(h, MIN_LINEARISED_CM) for h in level_cm)
     linear = linearise(model, (h1, h2, h3, h4))
     Q = np.diag([1.0, 1.0, 0.0, 0.0])

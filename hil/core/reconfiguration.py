@@ -14,7 +14,7 @@ from hil.core.eigenstructure import augment
 from hil.core.gain_design import GainDesign, closed_loop_poles, gain_matrix
 from hil.core.pumps import STRAIGHT, PumpPath
 from hil.core.state_feedback import StateFeedback
-from hil.core.tanks import ReachableTarget, TankModel, equilibrium, holding_voltages, linearise, nearest_reachable
+from hil.core.tanks import TankModel, equilibrium, holding_voltages, linearise, nearest_reachable
 from hil.core.types import Pair, Quad, Waterways
 
 MIN_EFFECTIVENESS = 0.05
@@ -36,6 +36,19 @@ kept: the integral action finds out."""
 
 FAILURES = (ArithmeticError, ValueError, np.linalg.LinAlgError)
 """What there is to catch where a design has no solution."""
+
+
+@dataclass(frozen=True, slots=True)
+class OperatingPoint:
+    """What holds the outputs in force: (4,) levels in cm, (2,) effective drives in V, by the model.
+
+    target_V : (2,) these outputs. reason : why they are not the reference, "" if they are.
+    """
+
+    level_cm: Quad
+    drive_V: Pair
+    target_V: Pair
+    reason: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +79,7 @@ class Reconfiguration:
         says so. Not with a dead pump.
         """
         law = self._law(self.model, reference_V, effectiveness)
-        if (valve_split is None and waterways is None) or min(effectiveness) < MIN_EFFECTIVENESS:
+        if not self._is_found(effectiveness, valve_split, waterways):
             return law
         found, what = self._found(valve_split, waterways)
         try:
@@ -77,6 +90,28 @@ class Reconfiguration:
         except FAILURES:
             pass  # no gains, or no operating point
         return replace(law, problem=f"{what} leave no stable law")
+
+    def tanks(self, effectiveness: Pair, valve_split: Pair | None, waterways: Waterways | None) -> TankModel:
+        """The tanks that `law` computes operating point and target for: as in the rig file, or as found."""
+        is_found = self._is_found(effectiveness, valve_split, waterways)
+        return self._found(valve_split, waterways)[0] if is_found else self.model
+
+    def operating_point(
+        self, model: TankModel, reference_V: Pair, effectiveness: Pair, unsure_V: float = 0.0
+    ) -> OperatingPoint:
+        """Levels and drives that hold a reference (2,) in V, or what comes nearest to it. unsure_V : see UNSURE_V."""
+        k = model.level_gain_V_cm
+        wanted_cm = (reference_V[0] / k, reference_V[1] / k)
+        effective_limit = (effectiveness[0] * self.limit_V[0], effectiveness[1] * self.limit_V[1])
+        reachable = nearest_reachable(model, wanted_cm, effective_limit, self.pumps)
+        if reachable.reason and unsure_V > 0.0:
+            held = holding_voltages(model, wanted_cm)
+            if all(-unsure_V <= v <= limit + unsure_V for v, limit in zip(held, effective_limit, strict=True)):
+                levels = equilibrium(model, (max(held[0], 0.0), max(held[1], 0.0)))
+                return OperatingPoint((*wanted_cm, *levels[2:]), held, reference_V, "")
+        target_V = reference_V if not reachable.reason else (k * reachable.lower_cm[0], k * reachable.lower_cm[1])
+        drive_V = (max(reachable.holding_V[0], 0.0), max(reachable.holding_V[1], 0.0))
+        return OperatingPoint(equilibrium(model, drive_V), drive_V, target_V, reachable.reason)
 
     def settling_integral(self, law: StateFeedback, waterways: Waterways, level_cm: Quad) -> Pair:
         """The integrals (2,) in V s from which the outputs return best to a target that identified tanks can hold.
@@ -94,6 +129,10 @@ class Reconfiguration:
         x = np.array(level_cm) - np.array(law.operating_level_cm)
         q1, q2 = np.linalg.solve(P[4:, 4:], -P[4:, :4] @ x).tolist()
         return q1, q2
+
+    def _is_found(self, effectiveness: Pair, valve_split: Pair | None, waterways: Waterways | None) -> bool:
+        """Whether the tanks are others than in the rig file. With a dead pump they are left as they are."""
+        return not (valve_split is None and waterways is None) and min(effectiveness) >= MIN_EFFECTIVENESS
 
     def _found(self, valve_split: Pair | None, waterways: Waterways | None) -> tuple[TankModel, str]:
         """The tanks as found, and what is different in them, in words."""
@@ -124,31 +163,22 @@ class Reconfiguration:
         PEA for the faulty B Theta: with parameters Theta^-1 w_i it has the same eigenvectors and gain Theta^-1 K.
         """
         theta = (max(effectiveness[0], MIN_EFFECTIVENESS), max(effectiveness[1], MIN_EFFECTIVENESS))
-        k = model.level_gain_V_cm
-        wanted_cm = (reference_V[0] / k, reference_V[1] / k)
-        effective_limit = (effectiveness[0] * self.limit_V[0], effectiveness[1] * self.limit_V[1])
-        reachable = nearest_reachable(model, wanted_cm, effective_limit, self.pumps)
-        is_kept = False
-        if reachable.reason and unsure_V > 0.0:
-            held = holding_voltages(model, wanted_cm)
-            is_kept = all(-unsure_V <= v <= limit + unsure_V for v, limit in zip(held, effective_limit, strict=True))
-            reachable = ReachableTarget(wanted_cm, held, "") if is_kept else reachable
-        target_V = reference_V if not reachable.reason else (k * reachable.lower_cm[0], k * reachable.lower_cm[1])
-        operating_V = reachable.holding_V if self.design.follows_reference else self.operating_point_V
-        operating_V = (max(operating_V[0], 0.0), max(operating_V[1], 0.0))
-        levels = equilibrium(model, operating_V)
-        if is_kept and self.design.follows_reference:
-            operating_V, levels = reachable.holding_V, (*wanted_cm, *levels[2:])
+        point = self.operating_point(model, reference_V, effectiveness, unsure_V)
+        levels, operating_V = point.level_cm, point.drive_V
+        if not self.design.follows_reference:
+            operating_V = (max(self.operating_point_V[0], 0.0), max(self.operating_point_V[1], 0.0))
+            levels = equilibrium(model, operating_V)
         h1, h2, h3, h4 = (max(h, MIN_LINEARISED_CM) for h in levels)
         gains = self.design.gains(linearise(model, (h1, h2, h3, h4)))
+        k = model.level_gain_V_cm
         return StateFeedback(
             gains=gains,
             operating_level_cm=levels,
             operating_V=operating_V,
-            target_V=target_V,
+            target_V=point.target_V,
             effectiveness=theta,
-            reason=reachable.reason,
-            standby_V=self._standby(model, effectiveness, wanted_cm),
+            reason=point.reason,
+            standby_V=self._standby(model, effectiveness, (reference_V[0] / k, reference_V[1] / k)),
         )
 
     def _standby(self, model: TankModel, effectiveness: Pair, wanted_cm: Pair) -> tuple[float | None, float | None]:

@@ -27,3 +27,7 @@ class RunReferences:
         """(2,) outputs to aim at, at run time t_s, V; in a start phase on the way to the first ones."""
         requested = self.requested(t_s)
         return requested if self.start is None else self.start.toward(t_s, requested)
+
+    def rate(self, t_s: float) -> Pair:  # noqa: ARG002 - so far every change is a step
+        """(2,) rates at which the outputs to aim at move from t_s on, V/s; 0 at a step."""
+        return 0.0, 0.0

@@ -46,7 +46,8 @@ class Loss:
 class Experiment:
     """What a scenario file says. rig, emulator : dotted keys to values, laid over the config files.
 
-    is_ideal : no lag, noise, converters or rate limit, and level frames at every control step.
+    is_ideal : no lag, noise, converters or rate limit, level frames at every control step, and no feedforward: the
+    independent reference has none.
     """
 
     name: str
@@ -77,6 +78,7 @@ class Experiment:
             lines += [] if loss.until_s is None else [f"until_s = {loss.until_s}"]
         lines += ["[diagnosis]", 'method = "ideal"', f"delay_s = {self.delay_s}"]
         lines += ["[control]", f"reconfigure = {json.dumps(self.reconfigure)}", f'design = "{self.design}"']
+        lines += ["feedforward = false"] if self.is_ideal else []
         for name, from_s, to_s in self.windows:
             lines += ["[[window]]", f'name = "{name}"', f"from_s = {from_s}", f"to_s = {to_s}"]
         rig: dict[str, Any] = {"control.period_s": self.period_s}

@@ -1,7 +1,8 @@
 """The paper's state feedback with integral action, with gains that are computed again for what the diagnosis finds.
 
 Its memory has the integrals. They are advanced at the beginning of a step, when it is known what the pumps were given
-for the last one.
+for the last one. With feedforward the feedback acts on the deviation from a path that leads to the reference, see
+`hil.core.laws.path_follower`, and the integrals integrate that deviation.
 """
 
 from __future__ import annotations
@@ -9,14 +10,18 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from hil.core import state_feedback
-from hil.core.control_law import Authority, FeedbackRecord, LawInputs, LawRequest
+from hil.core.control_law import NOTHING, Authority, FeedbackRecord, LawInputs, LawRequest
 from hil.core.following import HEALTHY
 from hil.core.gain_design import closed_loop_poles, gain_matrix
+from hil.core.laws.path_follower import PathFollower, PathState, feedback_part, with_path
 from hil.core.reconfiguration import FAILURES, MIN_LINEARISED_CM, Reconfiguration
 from hil.core.start_phase import StartPhase
 from hil.core.state_feedback import StateFeedback
 from hil.core.tanks import TankModel, equilibrium, linearise, nearest_reachable
 from hil.core.types import Event, Pair, Quad, Severity, Waterways
+
+REGAIN_V = 0.25
+"""On a ramp the gains are computed again each time that the reference has moved so far."""
 
 Task = tuple[Pair, Pair, Pair | None, Waterways | None]
 """Reference, effectiveness, valve splits and waterways that a state feedback is computed for."""
@@ -27,7 +32,8 @@ class FeedbackMemory:
     """What the law remembers between two steps.
 
     feedback : in force at the last step. base : the same, as it is at the end of a start phase. task : what it was
-    computed for. integral_Vs, level_cm : integrals and levels of the last step. waterways : those followed then.
+    computed for. integral_Vs, level_cm : integrals and levels of the last step. waterways : those followed then. path :
+    of the feedforward, at rest during a start phase.
     """
 
     feedback: StateFeedback
@@ -36,18 +42,20 @@ class FeedbackMemory:
     integral_Vs: Pair
     level_cm: Quad
     waterways: Waterways | None = None
+    path: PathState | None = None
 
 
 @dataclass(frozen=True)
 class StateFeedbackLaw:
     """Configuration: how gains and operating points are found, the control period, and the time of the anti-windup.
 
-    anti_windup_s : see `state_feedback.advance_integral`.
+    anti_windup_s : see `state_feedback.advance_integral`. follower : of the path; None: no feedforward.
     """
 
     reconfiguration: Reconfiguration
     period_s: float
     anti_windup_s: float
+    follower: PathFollower | None = None
 
     @property
     def model(self) -> TankModel:
@@ -62,33 +70,47 @@ class StateFeedbackLaw:
         task = _task(inputs)
         base = self.reconfiguration.law(*task)
         feedback = self._moved(inputs.references.start, base, inputs.t_s)
+        path = None
+        if self.follower is not None and self._is_on_start_ramp(inputs):
+            path = self.follower.at_rest(base, inputs)
+        elif self.follower is not None:
+            path = self.follower.begin(base, inputs)
+            feedback = with_path(base, path)
         integral = (0.0, 0.0)
         if inputs.given_V != (0.0, 0.0):
             integral = state_feedback.bumpless_integral(feedback, inputs.level_cm, inputs.given_V)
-        return FeedbackMemory(feedback, base, task, integral, inputs.level_cm, inputs.followed.waterways)
+        return FeedbackMemory(feedback, base, task, integral, inputs.level_cm, inputs.followed.waterways, path)
 
     def step(self, memory: FeedbackMemory, inputs: LawInputs) -> tuple[FeedbackMemory, LawRequest]:
         """The drives wanted. A change of gains or operating point is bumpless."""
         integral, level_cm = self.advanced(memory, inputs), inputs.level_cm
-        base, task = memory.base, _task(inputs)
+        base, task = memory.base, self._task(memory, inputs)
         if task != memory.task:
             base = self.reconfiguration.law(*task)
-        feedback = self._moved(inputs.references.start, base, inputs.t_s)
+        feedback, path = self._around(memory, base, integral, inputs)
         if base is not memory.base:
-            effective = state_feedback.effective_voltage(memory.feedback, integral, level_cm)
+            before = memory.feedback
+            if path is not None and memory.path is not None and path.model is memory.path.model:
+                before = with_path(before, path)  # it is the deviation from the path that goes on
+            effective = state_feedback.effective_voltage(before, integral, level_cm)
             integral = state_feedback.bumpless_integral(feedback, level_cm, effective)
             ways = self._newly_identified(memory, inputs)
             if ways is not None and not feedback.problem:
                 integral = self.reconfiguration.settling_integral(feedback, ways, level_cm)
         effective_V = state_feedback.effective_voltage(feedback, integral, level_cm)
-        new = FeedbackMemory(feedback, base, task, integral, level_cm, inputs.followed.waterways)
+        new = FeedbackMemory(feedback, base, task, integral, level_cm, inputs.followed.waterways, path)
+        y1, y2 = feedback.target_V
+        target_V, held_V = feedback.target_V, feedback.operating_V
+        if path is not None and not self._is_on_start_ramp(inputs):
+            target_V, held_V = path.target_V, path.target.drive_V
         return new, LawRequest(
             drive_V=state_feedback.pump_voltage(feedback, effective_V),
-            target_V=feedback.target_V,
+            target_V=target_V,
             reason=feedback.reason,
             problem=feedback.problem,
+            shown=NOTHING if path is None else {"path_1_V": y1, "path_2_V": y2},
             events=_events(memory, new, inputs),
-            feedback=FeedbackRecord(feedback.operating_V, integral, feedback.pump_gain),
+            feedback=FeedbackRecord(held_V, integral, feedback.pump_gain),
         )
 
     def advanced(self, memory: FeedbackMemory, inputs: LawInputs) -> Pair:
@@ -99,6 +121,8 @@ class StateFeedbackLaw:
         feedback, integral, level_cm = memory.feedback, memory.integral_Vs, memory.level_cm
         if inputs.authority is Authority.NOBODY:
             return integral
+        if inputs.authority is Authority.OPERATOR and memory.path is not None:
+            return integral  # the path follows instead
         if inputs.authority is Authority.OPERATOR:
             (theta1, theta2), (drive1, drive2) = feedback.effectiveness, inputs.given_V
             return state_feedback.bumpless_integral(feedback, level_cm, (theta1 * drive1, theta2 * drive2))
@@ -136,6 +160,33 @@ class StateFeedbackLaw:
         h1, h2, h3, h4 = (max(level_cm, MIN_LINEARISED_CM) for level_cm in equilibrium(rule.model, (v1, v2)))
         linear = linearise(rule.model, (h1, h2, h3, h4))
         return complex(closed_loop_poles(linear, gain_matrix(gains))[0])
+
+    def _around(
+        self, memory: FeedbackMemory, base: StateFeedback, integral: Pair, inputs: LawInputs
+    ) -> tuple[StateFeedback, PathState | None]:
+        """The feedback around the path, and the path; in a start phase around the levels on the way, the path waits."""
+        moved = self._moved(inputs.references.start, base, inputs.t_s)
+        if self.follower is None or memory.path is None:
+            return moved, None
+        if self._is_on_start_ramp(inputs):
+            return moved, memory.path if base is memory.base else self.follower.at_rest(base, inputs)
+        added_V = feedback_part(memory.feedback, integral, memory.level_cm)
+        path = self.follower.step(memory.path, base, inputs, added_V)
+        return with_path(base, path), path
+
+    def _is_on_start_ramp(self, inputs: LawInputs) -> bool:
+        phase = inputs.references.start
+        return phase is not None and not phase.is_past_ramp(inputs.t_s)
+
+    def _task(self, memory: FeedbackMemory, inputs: LawInputs) -> Task:
+        """What the feedback is to be computed for; on a ramp again only when the reference has moved far enough."""
+        task, (was1, was2) = _task(inputs), memory.task[0]
+        if inputs.references.rate(inputs.t_s) == (0.0, 0.0):
+            return task
+        (r1, r2), *found = task
+        return (
+            memory.task if found == list(memory.task[1:]) and max(abs(r1 - was1), abs(r2 - was2)) < REGAIN_V else task
+        )
 
     def _newly_identified(self, memory: FeedbackMemory, inputs: LawInputs) -> Waterways | None:
         """The waterways if the operating point has just become theirs: the integrals then have nothing to correct."""

@@ -165,13 +165,15 @@ class DiagnosisChoice(Section):
 class ControlChoice(Section):
     """Which control law, by name, see `hil.bench.laws`, with options of its own, and what is common to all laws.
 
-    design : of the law `state_feedback`, by name, see `hil.bench.designs`. reconfigure : whether the law follows the
-    diagnosis. options : the settings of the law.
+    design : of the law `state_feedback`, by name, see `hil.bench.designs`. feedforward : of the same law, see
+    `hil.core.feedforward`; without it, on for a design whose operating point follows the reference. reconfigure :
+    whether the law follows the diagnosis. options : the settings of the law.
     """
 
     reconfigure: bool = True
     law: ChoiceName = "state_feedback"
     design: ChoiceName = "rig"
+    feedforward: bool | None = None
     options: dict[str, Any] = Field(default_factory=dict)
 
 
