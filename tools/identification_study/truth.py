@@ -29,6 +29,8 @@ PERIOD_S = 0.02
 MEAN_OF = 5
 NS_PER_PERIOD = 20_000_000
 RULER_SD_CM = 0.1
+RULER_SHARES = (1.0, 0.98, 0.99, 0.97, 0.985, 0.975)
+"""Voltages at which levels are read, as shares of the largest."""
 STIRRED_CM = 0.3
 """Turbulence stirs only tanks with some water. The emulator also stirs empty ones, which can only add water: at 0.03
 cm3/sqrt(s) a steady 0.06 cm3/s, which no rig has, and which no model of a rig would find."""
@@ -135,6 +137,19 @@ def experiment_plan(truth: Truth, seed: int) -> Plan:
     (s1, s2), (v1, v2) = truth.alone_V, truth.both_V
     head: Plan = [(10.0, 0.0, 0.0), (60.0, s1, 0.0), (60.0, 0.0, 0.0), (60.0, 0.0, s2), (60.0, v1, v2)]
     return [*head, *_binary(truth.both_V, seed, 410.0), (60.0, 0.0, 0.0)]
+
+
+def ruler_plan(truth: Truth) -> Plan:
+    """High levels that stand nearly still, to be read at the end of each segment but the first."""
+    v1, v2 = truth.both_V
+    return [(130.0, v1, v2), *((25.0, share * v1, share * v2) for share in RULER_SHARES)]
+
+
+def ruler_times(plan: Plan) -> tuple[tuple[float, int], ...]:
+    """When a tank (0..3) is read in a plan that ends with a `ruler_plan`: at first all, then the lower two."""
+    end_s = sum(duration_s for duration_s, _, _ in plan) - 1.0
+    times_s = [end_s - 25.0 * left for left in reversed(range(len(RULER_SHARES)))]
+    return tuple((at_s, tank) for at_s in times_s for tank in (range(4) if at_s == times_s[0] else range(2)))
 
 
 def held_out_plan(truth: Truth, seed: int) -> Plan:

@@ -108,43 +108,60 @@ def choose_structure(
     lost, is_judged = hopeless(full, candidates)
     choices = {**choices, **dict.fromkeys(lost, FIXED)}
     kept = [group for group in candidates if any(r.group == group and r.name not in lost for r in PARAMETERS)]
-    free = dict.fromkeys(kept, FREE)
-    current = full
     start = as_in_file(start, file, [group for group in candidates if group not in kept], lost)
+    current = full
     if lost:
         near = dict(zip(full.names, full.values.tolist(), strict=True))
-        current = estimate(records, start, {**free, **choices}, priors, near=near)
-    noise = current.noise
-    judge = held_out if is_judged else ()
-    now = judged(current, judge, noise)
+        current = estimate(records, start, {**dict.fromkeys(kept, FREE), **choices}, priors, near=near)
+    search = _Search(records, held_out if is_judged else (), tuple(kept), start, file, choices, priors, current.noise)
+    now = judged(current, search.judges, search.noise)
     settled: set[str] = set()
-    gone: list[str] = []
     trace = []
     while len(settled) < len(kept):
         group = min((name for name in kept if name not in settled), key=lambda name: evidence(current, file, name))
-        fewer = [name for name in kept if name != group]
-        base = as_in_file(start, file, (*gone, group))
-        reduced = estimate(
-            records,
-            base,
-            {**dict.fromkeys(fewer, FREE), **choices},
-            priors,
-            near=reduced_values(current, file, group),
-            noise=noise,
-            max_steps=REDUCED_STEPS,
-        )
-        without = judged(reduced, judge, noise)
-        worse = without.square - now.square
-        count = len(_group(current, file, group)[0])
-        is_needed = worse > _margin(current, count, is_judged) and without.difference(now, noise) > NOTICEABLE
+        reduced = search.without(current, kept, group)
+        score = judged(reduced, search.judges, search.noise)
+        worse = score.square - now.square
+        margin = _margin(current, len(_group(current, file, group)[0]), is_judged)
+        is_needed = worse > margin and score.difference(now, search.noise) > NOTICEABLE
         trace.append((group, worse, is_needed))
         if is_needed:
             settled.add(group)
         else:
-            kept, current, now = fewer, reduced, without
-            gone.append(group)
+            kept, current, now = [name for name in kept if name != group], reduced, score
     groups = tuple(group for group in candidates if group in kept)
     return StructureChoice(groups, dict.fromkeys(lost, FIXED), current, tuple(trace))
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """What stays the same while extensions are taken away.
+
+    candidates : those that the records can tell. noise : of the fit with all of them, for all fits.
+    """
+
+    records: Sequence[LevelRecord]
+    judges: Sequence[LevelRecord]
+    candidates: Sequence[str]
+    start: RigModel
+    file: RigModel
+    choices: Mapping[str, Choice]
+    priors: Priors
+    noise: NoiseModel
+
+    def without(self, current: RigEstimate, kept: Sequence[str], group: str) -> RigEstimate:
+        """The estimate with these extensions but one, which is as in the file; from the current one on."""
+        fewer = [name for name in kept if name != group]
+        gone = [name for name in self.candidates if name not in fewer]
+        return estimate(
+            self.records,
+            as_in_file(self.start, self.file, gone),
+            {**dict.fromkeys(fewer, FREE), **self.choices},
+            self.priors,
+            near=reduced_values(current, self.file, group),
+            noise=self.noise,
+            max_steps=REDUCED_STEPS,
+        )
 
 
 def hopeless(full: RigEstimate, candidates: Sequence[str]) -> tuple[tuple[str, ...], bool]:

@@ -13,7 +13,16 @@ from math import inf, isnan
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.core.identification.parameters import BASIC, BY_NAME, PARAMETERS, Choice, RigModel, values_of, with_values
+from hil.core.identification.parameters import (
+    BASIC,
+    BY_NAME,
+    PARAMETERS,
+    Choice,
+    Parameter,
+    RigModel,
+    values_of,
+    with_values,
+)
 from hil.core.identification.records import LevelRecord
 from hil.core.identification.simulation import LEVELS, first_levels
 from hil.core.types import Pair, Quad
@@ -111,26 +120,11 @@ def unknowns(
     A start beyond its limits is moved to the nearest one. Raises ValueError for two records of the same name, a record
     with a voltage that is no number, an unknown key, or a gain or outlet of 0, which has no limits.
     """
-    for record in records:
-        missing = ~np.isfinite(record.voltage_V).all(axis=1)
-        if missing.any():
-            raise ValueError(f"record {record.name!r}: no voltage at {record.time_s[missing][0]:g} s")
-    if len({record.name for record in records}) != len(records):
-        raise ValueError(f"records {[record.name for record in records]}: each needs a name of its own")
-    if not records:
-        raise ValueError("no records to fit")
+    _check(records)
     chosen = resolved(choices)
     rows = [row for row in PARAMETERS if chosen[row.name].role != "fixed"]
-    own = {**LIMITS, **(limits or {})}
-    values = values_of(start)
-    columns: list[tuple[str, float, Pair, float, float]] = []
-    for row in rows:
-        value, choice = values[row.name], chosen[row.name]
-        ends = own.get(row.name, own.get(row.group, (value / FACTOR, value * FACTOR)))
-        if not ends[0] < ends[1]:
-            raise ValueError(f"{row.name} = {value:g} {row.unit}: a parameter that is not fixed must be above 0")
-        value = min(max(value, ends[0]), ends[1])
-        columns.append((row.name, value, ends, SCALES.get(row.group, abs(value)), choice.sd or inf))
+    own, values = {**LIMITS, **(limits or {})}, values_of(start)
+    columns = [_column(row, values[row.name], own, chosen[row.name].sd) for row in rows]
     dynamic = tuple((row.name, at) for at, row in enumerate(rows) if not row.group.startswith("sensor"))
     places, initial = [], []
     for record in records:
@@ -153,3 +147,26 @@ def unknowns(
         places=tuple(places),
         initial_cm=tuple(initial),
     )
+
+
+def _check(records: Sequence[LevelRecord]) -> None:
+    """Raise ValueError for records that can't be fitted together."""
+    for record in records:
+        missing = ~np.isfinite(record.voltage_V).all(axis=1)
+        if missing.any():
+            raise ValueError(f"record {record.name!r}: no voltage at {record.time_s[missing][0]:g} s")
+    if len({record.name for record in records}) != len(records):
+        raise ValueError(f"records {[record.name for record in records]}: each needs a name of its own")
+    if not records:
+        raise ValueError("no records to fit")
+
+
+def _column(
+    row: Parameter, value: float, limits: Mapping[str, Pair], sd: float
+) -> tuple[str, float, Pair, float, float]:
+    """Name, start, limits, scale and prior of a parameter."""
+    ends = limits.get(row.name, limits.get(row.group, (value / FACTOR, value * FACTOR)))
+    if not ends[0] < ends[1]:
+        raise ValueError(f"{row.name} = {value:g} {row.unit}: a parameter that is not fixed must be above 0")
+    value = min(max(value, ends[0]), ends[1])
+    return row.name, value, ends, SCALES.get(row.group, abs(value)), sd or inf

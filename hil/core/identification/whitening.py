@@ -27,6 +27,54 @@ Array = NDArray[np.float64]
 
 
 @compiled
+def predict(
+    state: Array, P: Array, scratch: Array, fade: Array, ratio: float, dt: float, turbulence: Array, wave: Array
+) -> None:
+    """State (4, c) and covariance P (4, 4) after dt, in place. fade : (2,) d of both tanks, 1/s. scratch : (4, 4)."""
+    lower, upper = min(fade[0] * dt, 4.0), min(fade[1] * dt, 4.0)
+    f00, f11, kept = np.exp(-lower), np.exp(-upper), np.exp(-dt / wave[2])
+    f01 = ratio * upper * np.exp(-0.5 * (lower + upper))
+    for j in range(state.shape[1]):
+        state[0, j] = f00 * state[0, j] + f01 * state[1, j]
+        state[1, j] *= f11
+        state[2, j] *= kept
+        state[3, j] *= kept
+    for i in range(4):
+        scratch[i, 0] = P[i, 0] * f00 + P[i, 1] * f01
+        scratch[i, 1] = P[i, 1] * f11
+        scratch[i, 2] = P[i, 2] * kept
+        scratch[i, 3] = P[i, 3] * kept
+    for j in range(4):
+        P[0, j] = f00 * scratch[0, j] + f01 * scratch[1, j]
+        P[1, j] = f11 * scratch[1, j]
+        P[2, j] = kept * scratch[2, j]
+        P[3, j] = kept * scratch[3, j]
+    for i in range(2):
+        P[i, i] += turbulence[i] ** 2 * dt
+        P[2 + i, 2 + i] += wave[i] ** 2 * (1.0 - kept * kept)
+
+
+@compiled
+def update(state: Array, P: Array, columns: Array, sensor: int, gain: float, variance: float, white: Array) -> float:
+    """Take one reading of a sensor (0 lower, 1 upper) into state and covariance, in place; returns log S.
+
+    columns : (c,) residual and sensitivities. white : (c,) gets the innovations over the root of their variance S.
+    """
+    S = gain * gain * P[sensor, sensor] + 2.0 * gain * P[sensor, 2 + sensor] + P[2 + sensor, 2 + sensor] + variance
+    root = np.sqrt(S)
+    K = (gain * P[:, sensor] + P[:, 2 + sensor]) / S
+    for j in range(state.shape[1]):
+        innovation = columns[j] - gain * state[sensor, j] - state[2 + sensor, j]
+        white[j] = innovation / root
+        for i in range(4):
+            state[i, j] += K[i] * innovation
+    for i in range(4):
+        for j in range(4):
+            P[i, j] -= K[i] * K[j] * S
+    return float(np.log(S))
+
+
+@compiled
 def whitened_side(
     columns: Array,
     variance: Array,
@@ -48,57 +96,15 @@ def whitened_side(
     """
     n, _, c = columns.shape
     white = np.zeros((n, 2, c))
-    state = np.zeros((4, c))
-    P = np.zeros((4, 4))
-    F = np.zeros((4, 4))
-    PF = np.zeros((4, 4))
+    state, P, scratch = np.zeros((4, c)), np.zeros((4, 4)), np.zeros((4, 4))
     logdet = 0.0
     for k in range(n):
         if step[k] <= 0.0:
-            state[:] = 0.0
-            P[:] = 0.0
+            state[:], P[:] = 0.0, 0.0
             P[2, 2], P[3, 3] = wave[0] ** 2, wave[1] ** 2
         else:
-            dt = step[k]
-            lower, upper = min(decay[k - 1, 0] * dt, 4.0), min(decay[k - 1, 1] * dt, 4.0)
-            kept = np.exp(-dt / wave[2])
-            F[0, 0], F[1, 1] = np.exp(-lower), np.exp(-upper)
-            F[0, 1] = ratio * upper * np.exp(-0.5 * (lower + upper))
-            F[2, 2] = F[3, 3] = kept
-            for j in range(c):
-                state[0, j] = F[0, 0] * state[0, j] + F[0, 1] * state[1, j]
-                state[1, j] *= F[1, 1]
-                state[2, j] *= kept
-                state[3, j] *= kept
-            for i in range(4):
-                PF[i, 0] = P[i, 0] * F[0, 0] + P[i, 1] * F[0, 1]
-                PF[i, 1] = P[i, 1] * F[1, 1]
-                PF[i, 2] = P[i, 2] * kept
-                PF[i, 3] = P[i, 3] * kept
-            for j in range(4):
-                P[0, j] = F[0, 0] * PF[0, j] + F[0, 1] * PF[1, j]
-                P[1, j] = F[1, 1] * PF[1, j]
-                P[2, j] = kept * PF[2, j]
-                P[3, j] = kept * PF[3, j]
-            P[0, 0] += turbulence[0] ** 2 * dt
-            P[1, 1] += turbulence[1] ** 2 * dt
-            P[2, 2] += wave[0] ** 2 * (1.0 - kept * kept)
-            P[3, 3] += wave[1] ** 2 * (1.0 - kept * kept)
+            predict(state, P, scratch, decay[k - 1], ratio, step[k], turbulence, wave)
         for s in range(2):
-            if np.isnan(columns[k, s, 0]):
-                continue
-            H = gain[s]
-            S = H * H * P[s, s] + 2.0 * H * P[s, 2 + s] + P[2 + s, 2 + s] + variance[k, s]
-            root = np.sqrt(S)
-            logdet += np.log(S)
-            K = (H * P[:, s] + P[:, 2 + s]) / S
-            for j in range(c):
-                innovation = columns[k, s, j] - H * state[s, j] - state[2 + s, j]
-                white[k, s, j] = innovation / root
-                for i in range(4):
-                    state[i, j] += K[i] * innovation
-            for i in range(4):
-                for j in range(4):
-                    PF[i, j] = P[i, j] - K[i] * K[j] * S
-            P[:] = PF
+            if not np.isnan(columns[k, s, 0]):
+                logdet += update(state, P, columns[k, s], s, gain[s], variance[k, s], white[k, s])
     return white, logdet
