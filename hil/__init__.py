@@ -9,6 +9,9 @@ This list is the stable interface; every module behind it may move.
     GainDesign, Gains, LinearModel              the protocol of a design, what it returns, what it is given
     FaultDetector, Measurement, Estimate        the protocol of a fault detector and what it is given
     Diagnosis, Alarm                            what a fault detector returns
+    ControlLaw, LawInputs, LawRequest           the protocol of a control law, what it is given and what it returns
+    Authority, FeedbackRecord                   who decided the last command; what a state feedback has recorded
+    LawSetup, LawOptions                        what a law is made from: rig and scenario, and settings of its own
     RealTime                                    what to ask the operating system for in `run`
     HilError                                    base class of all errors that the user can fix
     SettingsError, DesignError, BusError        a settings file; a design that can't be had; a bus that can't be opened
@@ -30,8 +33,10 @@ if TYPE_CHECKING:
     from hil.bench.api import campaign, design, load, run, simulate
     from hil.bench.assembly import Bench
     from hil.bench.design_figures import DesignFigures
+    from hil.bench.law_setup import LawOptions, LawSetup
     from hil.bench.results import CampaignResult, RunResult
     from hil.campaigns.row import Row
+    from hil.core.control_law import Authority, ControlLaw, FeedbackRecord, LawInputs, LawRequest
     from hil.core.diagnosis.detector import FaultDetector
     from hil.core.eigenstructure import DesignError
     from hil.core.errors import HilError
@@ -49,19 +54,26 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Alarm",
+    "Authority",
     "Bench",
     "BusError",
     "CampaignResult",
+    "ControlLaw",
     "DesignError",
     "DesignFigures",
     "Diagnosis",
     "Estimate",
     "FaultDetector",
+    "FeedbackRecord",
     "Finding",
     "GainDesign",
     "Gains",
     "HilError",
     "Kpi",
+    "LawInputs",
+    "LawOptions",
+    "LawRequest",
+    "LawSetup",
     "LinearModel",
     "LoggedEvent",
     "Measurement",
@@ -82,8 +94,10 @@ _HOME = {
     "hil.bench.api": ("campaign", "design", "load", "run", "simulate"),
     "hil.bench.assembly": ("Bench",),
     "hil.bench.design_figures": ("DesignFigures",),
+    "hil.bench.law_setup": ("LawOptions", "LawSetup"),
     "hil.bench.results": ("CampaignResult", "RunResult"),
     "hil.campaigns.row": ("Row",),
+    "hil.core.control_law": ("Authority", "ControlLaw", "FeedbackRecord", "LawInputs", "LawRequest"),
     "hil.core.gain_design": ("GainDesign", "Gains"),
     "hil.core.diagnosis.detector": ("FaultDetector",),
     "hil.core.eigenstructure": ("DesignError",),

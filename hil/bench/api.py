@@ -18,6 +18,7 @@ from hil.bench.design_figures import DesignFigures, design_figures
 from hil.bench.results import CampaignResult, RunResult, result_of_folder
 from hil.bench.run_options import RunOptions
 from hil.campaigns.row import Row
+from hil.core.control_law import ControlLaw
 from hil.core.diagnosis.detector import FaultDetector
 from hil.core.gain_design import GainDesign
 from hil.edge.can.bus import BusAddress
@@ -36,6 +37,7 @@ def load(
     *,
     design: str | GainDesign | None = None,
     detector: str | FaultDetector | None = None,
+    law: str | ControlLaw | None = None,
 ) -> Bench:
     """Read and check a scenario, the rig and the wire contract; nothing moves.
 
@@ -52,6 +54,9 @@ def load(
         A design by name (`hil design` lists them) or an object of your own, in place of the scenario's.
     detector : str or FaultDetector, optional
         A fault detector by name or an object of your own, in place of the scenario's.
+    law : str or ControlLaw, optional
+        A control law by name or an object of your own, in place of the scenario's. The scenario's `[control.options]`
+        are for its own law: another one has its defaults.
 
     Returns
     -------
@@ -71,7 +76,7 @@ def load(
     0.1
 
     """
-    return assembly.load(scenario, _path(config), rig=rig, design=design, detector=detector)
+    return assembly.load(scenario, _path(config), rig=rig, design=design, detector=detector, law=law)
 
 
 def simulate(
@@ -81,6 +86,7 @@ def simulate(
     config: StrPath | None = None,
     design: str | GainDesign | None = None,
     detector: str | FaultDetector | None = None,
+    law: str | ControlLaw | None = None,
     seed: int = 1,
     duration_s: float | None = None,
     out: StrPath | None = None,
@@ -92,9 +98,9 @@ def simulate(
     Parameters
     ----------
     scenario : str, path or Bench
-        A scenario file, a shipped name, or what `load` returned; then `rig`, `config`, `design` and `detector` are
-        those of `load`.
-    rig, config, design, detector : optional
+        A scenario file, a shipped name, or what `load` returned; then `rig`, `config`, `design`, `detector` and
+        `law` are those of `load`.
+    rig, config, design, detector, law : optional
         As for `load`.
     seed : int
         Of the emulator's noise and parameter spread. Equal seeds give equal results.
@@ -129,7 +135,7 @@ def simulate(
     """
     _check_whole("seed", seed, 0)
     _check_duration(duration_s)
-    bench = _bench(scenario, rig, config, design, detector)
+    bench = _bench(scenario, rig, config, design, detector, law)
     if out is None:
         from hil.bench.memory_run import simulate_in_memory
 
@@ -149,6 +155,7 @@ def run(
     config: StrPath | None = None,
     design: str | GainDesign | None = None,
     detector: str | FaultDetector | None = None,
+    law: str | ControlLaw | None = None,
     interface: str | None = None,
     channel: str | None = None,
     bitrate: int | None = None,
@@ -162,7 +169,7 @@ def run(
 
     Parameters
     ----------
-    scenario, rig, config, design, detector : optional
+    scenario, rig, config, design, detector, law : optional
         As for `simulate`.
     out : str or path
         Run folder to write; refused if it exists.
@@ -206,7 +213,7 @@ def run(
         raise RuntimeError("hil.run must be called from the main thread: only there Ctrl-C can stop the pumps")
     from hil.bench.live_run import run_live
 
-    bench = _bench(scenario, rig, config, design, detector)
+    bench = _bench(scenario, rig, config, design, detector, law)
     bus = bench.rig.bus
     address = BusAddress(interface or bus.interface, channel or bus.channel, bitrate or bus.bitrate)
     folder = Path(out)
@@ -235,7 +242,7 @@ def campaign(
     ----------
     spec : str or path
         A campaign file, a scenario file, a folder of scenarios, or a shipped name.
-        Designs and detectors are chosen by name in these files.
+        Designs, detectors and laws are chosen by name in these files.
     rig : str or path, optional
         As for `load`.
     config : str or path, optional
@@ -332,12 +339,13 @@ def _bench(
     config: StrPath | None,
     design: str | GainDesign | None,
     detector: str | FaultDetector | None,
+    law: str | ControlLaw | None,
 ) -> Bench:
     if not isinstance(scenario, Bench):
-        return load(scenario, rig, config, design=design, detector=detector)
-    if any(given is not None for given in (rig, config, design, detector)):
+        return load(scenario, rig, config, design=design, detector=detector, law=law)
+    if any(given is not None for given in (rig, config, design, detector, law)):
         raise TypeError(
-            "rig, config, design and detector are chosen when the scenario is loaded: give them to hil.load"
+            "rig, config, design, detector and law are chosen when the scenario is loaded: give them to hil.load"
         )
     return scenario
 

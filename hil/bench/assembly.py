@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,8 @@ from hil.bench.design_figures import stable_ones
 from hil.bench.designs import DESIGNS
 from hil.bench.detectors import DETECTORS
 from hil.bench.dry_step import FAILURES, DryStepError, try_out
-from hil.bench.laws import STATE_FEEDBACK, LawSetup, make_law
+from hil.bench.law_choices import STATE_FEEDBACK, make_law
+from hil.bench.law_setup import LawSetup
 from hil.core.active_isolation import ProbeConfig
 from hil.core.closed_loop import LoopConfig
 from hil.core.control_law import ControlLaw
@@ -44,6 +45,7 @@ class Bench:
 
     rig_file : a rig file for controller and emulator; None: `rig.toml` and `emulator.toml` of the configuration folder.
     design, detector, law : objects of the user's own, used instead of what the scenario names; None: what it names.
+    shown : names of the numbers that the law has recorded.
     """
 
     scenario: Scenario
@@ -55,6 +57,7 @@ class Bench:
     design: GainDesign | None = None
     detector: FaultDetector | None = None
     law: ControlLaw | None = None
+    shown: tuple[str, ...] = ()
 
     @property
     def rig_path(self) -> Path:
@@ -100,17 +103,19 @@ def load(
         None if isinstance(detector, str) else detector,
         None if isinstance(law, str) else law,
     )
-    check(bench)
-    return bench
+    return replace(bench, shown=check(bench))
 
 
-def check(bench: Bench) -> None:
-    """Try the settings out before anything moves. Raises SettingsError that names the file and what is wrong."""
+def check(bench: Bench) -> tuple[str, ...]:
+    """Try the settings out before anything moves; the names of the numbers that the law shows.
+
+    Raises SettingsError that names the file and what is wrong.
+    """
     control = bench.scenario.control
     choice = f"design {control.design!r}" if control.law == STATE_FEEDBACK else f"law {control.law!r}"
     try:
         with np.errstate(all="ignore"):  # values that are not finite are refused below
-            try_out(controller_config(bench))
+            return try_out(controller_config(bench))
     except SettingsError:
         raise
     except DryStepError as error:
@@ -292,6 +297,7 @@ def run_plan(bench: Bench, *, is_live: bool, seed: int | None) -> RunPlan:
         reconfigure=bench.scenario.control.reconfigure,
         settings=settings,
         copies={_copy_name(bench, file): read_text(file) for file in files},
+        shown=bench.shown,
     )
 
 

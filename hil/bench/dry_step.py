@@ -29,12 +29,12 @@ class DryStepError(ValueError):
     """The settings can't be run; the message says what fails and why."""
 
 
-def try_out(config: ControllerConfig) -> None:
-    """The law at every reference, and the first control steps. Raises DryStepError."""
+def try_out(config: ControllerConfig) -> tuple[str, ...]:
+    """The law at every reference, and the first control steps; the names of what the law shows. Raises DryStepError."""
     with np.errstate(all="ignore"):  # values that are not finite are refused below
         for at_s, reference_V in config.loop.references:
             _check_law(config, at_s, reference_V)
-        _check_steps(config)
+        return _check_steps(config)
 
 
 def _check_law(config: ControllerConfig, at_s: float, reference_V: Pair) -> None:
@@ -51,7 +51,7 @@ def _check_law(config: ControllerConfig, at_s: float, reference_V: Pair) -> None
         raise DryStepError(f"the law's check fails {where}: {type(error).__name__}: {error}") from None
 
 
-def _check_steps(config: ControllerConfig) -> None:
+def _check_steps(config: ControllerConfig) -> tuple[str, ...]:
     """The controller from disarmed into control, on readings of a healthy rig at its first reference."""
     state = ControllerState()
     inputs = _healthy_inputs(config)
@@ -67,6 +67,7 @@ def _check_steps(config: ControllerConfig) -> None:
         integrals = shown.integral_Vs if shown is not None else ()
         if not all(map(isfinite, (*record.raw_V, *record.estimated_V, *record.target_V, *integrals))):
             raise DryStepError("a control step gives a value that is not finite; look at tanks, pumps and sensors")
+    return () if state.loop is None else tuple(state.loop.request.shown)
 
 
 def _healthy_inputs(config: ControllerConfig) -> Inputs:

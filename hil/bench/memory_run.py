@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -32,8 +32,8 @@ class MemoryRecorder:
     Frames are not kept.
     """
 
-    def __init__(self) -> None:
-        self._format = TickFormat(recorded("lockstep"))
+    def __init__(self, shown: Sequence[str] = ()) -> None:
+        self._format = TickFormat(recorded("lockstep", shown))
         self.ticks = [self._format.header]
         self.events: list[str] = []
         self.ending: tuple[Status, str, float | None] = ("running", "", None)
@@ -66,7 +66,7 @@ def simulate_in_memory(
     """One run in lockstep with the emulator. Raises SettingsError."""
     config = controller_config(bench, duration_s)
     emulator = emulator_of(bench, seed)
-    recorder = MemoryRecorder()
+    recorder = MemoryRecorder(bench.shown)
     manifest = Manifest(run_plan(bench, is_live=False, seed=seed), "running", "", _now(), None, versions())
     with ExitStack() as stack:
         ours, theirs = (stack.enter_context(end) for end in pair())

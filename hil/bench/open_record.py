@@ -67,7 +67,8 @@ def open_record(folder: RunFolder, timeline: TimelineSettings | None, with_lines
             card,
             level_gain_V_cm=timeline.level_gain_V_cm,
             mode=mode,
-            blueprint=blueprint(mode, timeline.duration_s),
+            shown=manifest.plan.shown,
+            blueprint=blueprint(mode, timeline.duration_s, manifest.plan.shown),
             batch_ticks=6000 if is_live else 250,
             compact_at_close=is_live,
         )

@@ -33,6 +33,10 @@ ConfigDir = Annotated[
     Optional[Path],
     typer.Option("--config", metavar="DIR", help="Folder with rig.toml, emulator.toml and bench.dbc."),
 ]
+LawName = Annotated[
+    Optional[str],
+    typer.Option("--law", metavar="NAME", help="A control law with its defaults, in place of the scenario's."),
+]
 RigFile = Annotated[
     Optional[str],
     typer.Option(

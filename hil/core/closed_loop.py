@@ -17,6 +17,7 @@ from hil.core.diagnosis.detector import FaultDetector
 from hil.core.estimator import Estimate, LevelFilter
 from hil.core.following import Followed, follow
 from hil.core.law_check import checked
+from hil.core.law_copies import inputs_of_law
 from hil.core.pumps import STRAIGHT, PumpPath, UnderWay
 from hil.core.reference_path import TIME_TOLERANCE_S, RunReferences
 from hil.core.sensors import PLAIN, LevelSensors
@@ -154,7 +155,7 @@ def begin(config: LoopConfig, inputs: Inputs, now_ns: int) -> LoopState:
         reference_V=reference,
         start=start,
         request=LawRequest(drive_V, reference),
-        law_memory=config.law.start(known),
+        law_memory=config.law.start(inputs_of_law(known, references)),
         inputs=known,
         last=last,
         estimate=estimate,
@@ -193,7 +194,7 @@ def step(
         excess_V=last.excess_V,
         authority=last.authority,
     )
-    law_memory, answer = config.law.step(state.law_memory, known)
+    law_memory, answer = config.law.step(state.law_memory, inputs_of_law(known, references))
     request = checked(answer)
     (v1, v2), (o1, o2) = request.drive_V, probe.offset_V
     drive = (v1 + o1, v2 + o2)
@@ -233,8 +234,9 @@ def conclude(config: LoopConfig, state: LoopState, inputs: Inputs, command_V: Pa
     last = LastCommand(given, authority=Authority.OPERATOR if mode is Mode.MANUAL else Authority.NOBODY)
     if mode not in (Mode.DISARMED, Mode.READY):
         return replace(state, last=last)
+    references = RunReferences(config.references, state.start)
     known = replace(state.inputs, wanted_V=given, given_V=given, excess_V=last.excess_V, authority=last.authority)
-    return replace(state, last=last, law_memory=config.law.start(known))
+    return replace(state, last=last, law_memory=config.law.start(inputs_of_law(known, references)))
 
 
 def _excess(pumps: PumpPath, drive_V: Pair, inputs: Inputs, given_V: Pair) -> Pair:

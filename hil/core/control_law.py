@@ -11,15 +11,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from types import MappingProxyType
 from typing import Any, Protocol, runtime_checkable
 
 from hil.core.estimator import Estimate
 from hil.core.following import Followed
 from hil.core.start_phase import StartPhase
 from hil.core.types import Diagnosis, Event, Pair, Quad
-
-NOTHING: Mapping[str, float] = MappingProxyType({})
 
 
 class Authority(StrEnum):
@@ -107,7 +104,7 @@ class LawRequest:
     target_V: Pair
     reason: str = ""
     problem: str = ""
-    shown: Mapping[str, float] = field(default_factory=lambda: NOTHING)
+    shown: Mapping[str, float] = field(default_factory=dict)
     events: tuple[Event, ...] = ()
     feedback: FeedbackRecord | None = None
 

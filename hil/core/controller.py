@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from math import inf, isfinite, nan
 
-from hil.core import active_isolation, closed_loop, start_phase, supervisor
+from hil.core import active_isolation, closed_loop, start_goal, start_phase, supervisor
 from hil.core.active_isolation import IDLE, NO_PROBE, Occasion, ProbeConfig, ProbeState
 from hil.core.closed_loop import LoopConfig, LoopState
 from hil.core.control_law import FeedbackRecord
@@ -204,8 +204,8 @@ def _start_problem(
     hidden = hidden or monitors.filling.problem(limits.model, loop.estimate.level_cm, trusted, limits.level_max_cm)
     if hidden or not is_end:
         return hidden
-    k, (y1, y2) = config.limits.level_gain_V_cm, loop.request.target_V
-    return start_phase.problem(loop.start, config.loop.start, loop.level_cm, (y1 / k, y2 / k), command_V)
+    goal_cm = start_goal.goal_cm(limits.model, config.loop, loop)
+    return start_phase.problem(loop.start, config.loop.start, loop.level_cm, goal_cm, command_V)
 
 
 def _probe(
@@ -304,4 +304,5 @@ def _record(
         monotonic_ns=loop.stepped_ns,
         level_walk_cm_sqrt_s=loop.diagnosis.level_walk_cm_sqrt_s,
         probe_V=probe_V,
+        shown=loop.request.shown,
     )

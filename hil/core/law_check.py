@@ -10,7 +10,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from hil.core.control_law import NOTHING, FeedbackRecord, LawRequest
+from hil.core.control_law import FeedbackRecord, LawRequest
 from hil.core.types import Event, Pair, Severity
 
 CODES = ("reconfigured", "target", "law")
@@ -34,7 +34,7 @@ def checked(request: Any) -> LawRequest:
         target_V=_pair("target_V", request.target_V),
         reason=_text("reason", request.reason) if request.reason != "" else "",
         problem=_text("problem", request.problem) if request.problem != "" else "",
-        shown=NOTHING if request.shown is NOTHING else _shown(request.shown),
+        shown={} if type(request.shown) is dict and not request.shown else _shown(request.shown),
         events=_events(request.events) if request.events != () else (),
         feedback=None if request.feedback is None else _feedback(request.feedback),
     )

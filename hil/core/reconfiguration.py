@@ -38,6 +38,23 @@ FAILURES = (ArithmeticError, ValueError, np.linalg.LinAlgError)
 """What there is to catch where a design has no solution."""
 
 
+def found_tanks(model: TankModel, valve_split: Pair | None, waterways: Waterways | None) -> tuple[TankModel, str]:
+    """The tanks as the diagnosis has found them, and what is different in them, in words."""
+    if waterways is None:
+        split = valve_split or model.valve_split
+        return replace(model, valve_split=split), "valve splits of {:.3f} and {:.3f}".format(*split)
+    own = [max(part, MIN_OUTLET) for part in waterways.outlet]
+    (k1, k2), (a1, a2, a3, a4), (e3, e4) = model.pump_gain_cm3_Vs, model.outlet_cm2, waterways.leak
+    found = replace(
+        model,
+        outlet_cm2=(a1 * own[0], a2 * own[1], a3 * (own[2] + e3), a4 * (own[3] + e4)),
+        pump_gain_cm3_Vs=(k1 * waterways.gain[0], k2 * waterways.gain[1]),
+        valve_split=waterways.split,
+        arriving=(own[2] / (own[2] + e3), own[3] / (own[3] + e4)),
+    )
+    return found, "outlets of {:.2f}, {:.2f}, {:.2f} and {:.2f} of the file's".format(*waterways.outlet)
+
+
 @dataclass(frozen=True, slots=True)
 class OperatingPoint:
     """What holds the outputs in force: (4,) levels in cm, (2,) effective drives in V, by the model.
@@ -81,7 +98,7 @@ class Reconfiguration:
         law = self._law(self.model, reference_V, effectiveness)
         if not self._is_found(effectiveness, valve_split, waterways):
             return law
-        found, what = self._found(valve_split, waterways)
+        found, what = found_tanks(self.model, valve_split, waterways)
         try:
             adapted = self._law(found, reference_V, effectiveness, UNSURE_V if waterways is not None else 0.0)
             for candidate in (replace(adapted, gains=law.gains), adapted):
@@ -94,7 +111,7 @@ class Reconfiguration:
     def tanks(self, effectiveness: Pair, valve_split: Pair | None, waterways: Waterways | None) -> TankModel:
         """The tanks that `law` computes operating point and target for: as in the rig file, or as found."""
         is_found = self._is_found(effectiveness, valve_split, waterways)
-        return self._found(valve_split, waterways)[0] if is_found else self.model
+        return found_tanks(self.model, valve_split, waterways)[0] if is_found else self.model
 
     def operating_point(
         self, model: TankModel, reference_V: Pair, effectiveness: Pair, unsure_V: float = 0.0
@@ -120,7 +137,7 @@ class Reconfiguration:
         linear model, z' P z with z = (levels - operating levels, integrals), is smallest where its derivative by the
         integrals is zero; P solves the Lyapunov equation of the closed loop.
         """
-        found, _ = self._found(None, waterways)
+        found, _ = found_tanks(self.model, None, waterways)
         h1, h2, h3, h4 = (max(h, MIN_LINEARISED_CM) for h in law.operating_level_cm)
         linear = linearise(found, (h1, h2, h3, h4))
         A, B = augment(linear)
@@ -133,22 +150,6 @@ class Reconfiguration:
     def _is_found(self, effectiveness: Pair, valve_split: Pair | None, waterways: Waterways | None) -> bool:
         """Whether the tanks are others than in the rig file. With a dead pump they are left as they are."""
         return not (valve_split is None and waterways is None) and min(effectiveness) >= MIN_EFFECTIVENESS
-
-    def _found(self, valve_split: Pair | None, waterways: Waterways | None) -> tuple[TankModel, str]:
-        """The tanks as found, and what is different in them, in words."""
-        if waterways is None:
-            split = valve_split or self.model.valve_split
-            return replace(self.model, valve_split=split), "valve splits of {:.3f} and {:.3f}".format(*split)
-        own = [max(part, MIN_OUTLET) for part in waterways.outlet]
-        (k1, k2), (a1, a2, a3, a4), (e3, e4) = self.model.pump_gain_cm3_Vs, self.model.outlet_cm2, waterways.leak
-        found = replace(
-            self.model,
-            outlet_cm2=(a1 * own[0], a2 * own[1], a3 * (own[2] + e3), a4 * (own[3] + e4)),
-            pump_gain_cm3_Vs=(k1 * waterways.gain[0], k2 * waterways.gain[1]),
-            valve_split=waterways.split,
-            arriving=(own[2] / (own[2] + e3), own[3] / (own[3] + e4)),
-        )
-        return found, "outlets of {:.2f}, {:.2f}, {:.2f} and {:.2f} of the file's".format(*waterways.outlet)
 
     def _is_stable(self, model: TankModel, law: StateFeedback) -> bool:
         """Whether the gains stabilise these tanks at the law's operating point."""

@@ -7,6 +7,7 @@ Small vectors are tuples of floats: immutable, quick, and written to a record as
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
 from math import inf, nan
@@ -371,3 +372,4 @@ class TickRecord:
     monotonic_ns: int = 0
     level_walk_cm_sqrt_s: Quad = (nan, nan, nan, nan)  # as diagnosis has learned it
     probe_V: Pair = (0.0, 0.0)  # part of raw_V: the movement that tells faults apart
+    shown: Mapping[str, float] = field(default_factory=dict)  # of the control law, by name

@@ -42,16 +42,16 @@ PLOTS: dict[str, Plot] = {
 """Entity -> plot, in the order in which they are shown. An entity that is not listed comes last, named by itself."""
 
 OVERVIEW = ("levels", "pumps")
-CONTROL = ("control",)
+CONTROL = ("control", "law")
 
 
-def blueprint(mode: RunMode, duration_s: float | None = None) -> rrb.Blueprint:
+def blueprint(mode: RunMode, duration_s: float | None = None, shown: Sequence[str] = ()) -> rrb.Blueprint:
     """Tabs: overview (opens first), control, bench, run card. Entities of any other name than these are in bench.
 
-    mode : of the run, which decides the plots. duration_s : length of the run as planned; the plots then open on the
-    whole of it. None: around the cursor.
+    mode, shown : of the run, which decide the plots. duration_s : length of the run as planned; the plots then open
+    on the whole of it. None: around the cursor.
     """
-    layout = _Layout(series(mode), duration_s)
+    layout = _Layout(series(mode, shown), duration_s)
     card = rrb.TextDocumentView(origin="/card", name="Run card")
     return rrb.Blueprint(
         rrb.Tabs(layout.overview(), layout.control(), layout.bench(), card, active_tab=0),

@@ -57,6 +57,15 @@ def test_a_detector_of_ones_own(run_example: Callable[[str], str]) -> None:
 
 
 @pytest.mark.long
+def test_a_control_law_of_ones_own(run_example: Callable[[str], str]) -> None:
+    """Two PI controllers follow a step sooner than the bumpless state feedback, and nothing trips."""
+    out = run_example("own_law")
+    errors = re.findall(r"^[a-zA-Z ]+: complete, IAE ([0-9.]+), ([0-9.]+) V s", out, re.MULTILINE)
+    assert len(errors) == 2
+    assert all(0.5 < float(error) < 8.0 for pair in errors for error in pair)
+
+
+@pytest.mark.long
 def test_a_small_campaign(run_example: Callable[[str], str]) -> None:
     out = run_example("small_campaign")
     assert "pump_effectiveness 1 = 0.4: 100% found" in out

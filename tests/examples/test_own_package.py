@@ -1,4 +1,4 @@
-"""A design and a detector of an installed package, and the wheel itself in an empty folder."""
+"""A design, a detector and a control law of an installed package, and the wheel itself in an empty folder."""
 
 import os
 import shutil
@@ -31,6 +31,16 @@ design = "lqr"
 
 [diagnosis]
 method = "innovation"
+"""
+
+OWN_LAW = """
+[scenario]
+name = "own_law"
+duration_s = 5.0
+
+[control]
+law = "two_pi"
+options = {{ gain = {gain} }}
 """
 
 
@@ -80,6 +90,18 @@ def test_a_scenario_names_the_packages_design_and_detector(own_package: Path, tm
     done = run(tmp_path, own_package, "-m", "hil", "simulate", "own.toml", "--out", "run", "--no-rerun", "--no-report")
     assert (done.returncode, done.stderr) == (0, "")
     assert '"pump_effectiveness"' in (tmp_path / "run" / "events.jsonl").read_text()
+
+
+def test_a_scenario_names_the_packages_law_and_its_options(own_package: Path, tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text(OWN_LAW.format(gain=8.0))
+    out = ("--out", "run", "--no-rerun", "--no-report")
+    done = run(tmp_path, own_package, "-m", "hil", "simulate", "own.toml", *out)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "law_integral_1_V" in (tmp_path / "run" / "ticks.csv").read_text().splitlines()[0].split(",")
+    (tmp_path / "own.toml").write_text(OWN_LAW.format(gain=-1.0))
+    done = run(tmp_path, own_package, "-m", "hil", "simulate", "own.toml", *out)
+    assert done.returncode == 2
+    assert done.stderr == "hil: own.toml: control.options.gain = -1.0: must be a number above 0 and at most 100\n"
 
 
 def test_without_the_package_its_names_are_refused_with_those_that_there_are(tmp_path: Path) -> None:

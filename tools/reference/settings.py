@@ -20,6 +20,7 @@ from firmware_sim.settings import EmulatorSettings
 from hil.bench.choice_table import ChoiceTable, TableChoice
 from hil.bench.designs import DESIGNS
 from hil.bench.detectors import DETECTORS
+from hil.bench.law_choices import LAWS
 from hil.campaigns.benchmark_spec import BenchmarkSpec
 from hil.campaigns.spec import Spec
 from hil.edge.config.rig_file import Rig
@@ -30,7 +31,11 @@ from tools.reference.markdown import code, table
 from tools.reference.ranges import range_of, table_of
 from tools.reference.units import unit_of
 
-CHOICES: tuple[tuple[str, ChoiceTable[Any]], ...] = (("Designs", DESIGNS), ("Fault detectors", DETECTORS))
+CHOICES: tuple[tuple[str, ChoiceTable[Any]], ...] = (
+    ("Control laws", LAWS),
+    ("Designs", DESIGNS),
+    ("Fault detectors", DETECTORS),
+)
 
 
 @dataclass(frozen=True)

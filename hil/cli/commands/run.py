@@ -16,6 +16,7 @@ from hil.cli.options import (
     ConfigDir,
     Duration,
     Interface,
+    LawName,
     OutDir,
     ReportChoice,
     RerunChoice,
@@ -38,6 +39,7 @@ def run(
     ] = False,
     rig: RigFile = None,
     config: ConfigDir = None,
+    law: LawName = None,
     rerun: RerunChoice = True,
     report: ReportChoice = True,
     realtime: Annotated[
@@ -59,7 +61,7 @@ def run(
     from hil.cli import run_display
     from hil.edge.can.bus import BusAddress
 
-    bench = assembly.load(scenario, config, rig=rig)
+    bench = assembly.load(scenario, config, rig=rig, law=law)
     bus = bench.rig.bus
     address = BusAddress(interface or bus.interface, channel or bus.channel, bitrate or bus.bitrate)
     folder = out or run_options.default_folder(bench.scenario.scenario.name, datetime.now())

@@ -10,7 +10,16 @@ from rich.console import Console
 
 from hil.cli import exit_codes
 from hil.cli.complaint import interruptible, warn
-from hil.cli.options import ConfigDir, Duration, EmulatedRigFile, OutDir, ReportChoice, RerunChoice, ScenarioFile
+from hil.cli.options import (
+    ConfigDir,
+    Duration,
+    EmulatedRigFile,
+    LawName,
+    OutDir,
+    ReportChoice,
+    RerunChoice,
+    ScenarioFile,
+)
 
 EXAMPLE = "hil simulate paper --seed 3 --out runs/first"
 
@@ -22,6 +31,7 @@ def simulate(
     duration: Duration = None,
     rig: EmulatedRigFile = None,
     config: ConfigDir = None,
+    law: LawName = None,
     rerun: RerunChoice = True,
     report: ReportChoice = True,
 ) -> None:
@@ -29,7 +39,7 @@ def simulate(
     from hil.bench import assembly, late_faults, lockstep_run, run_options
     from hil.cli import run_display
 
-    bench = assembly.load(scenario, config, rig=rig)
+    bench = assembly.load(scenario, config, rig=rig, law=law)
     warn(late_faults.late_faults(bench.scenario, duration))
     folder = out or run_options.default_folder(bench.scenario.scenario.name, datetime.now())
     options = run_options.RunOptions(folder, seed, duration, rerun)

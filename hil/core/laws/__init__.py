@@ -1,1 +1,1 @@
-"""The control laws of the bench. `hil.bench.laws` has their names, docs/reference/laws.md says where they come from."""
+"""The control laws. `hil.bench.law_choices` has their names, docs/reference/laws.md says where they come from."""

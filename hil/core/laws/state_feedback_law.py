@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from hil.core import state_feedback
-from hil.core.control_law import NOTHING, Authority, FeedbackRecord, LawInputs, LawRequest
+from hil.core.control_law import Authority, FeedbackRecord, LawInputs, LawRequest
 from hil.core.following import HEALTHY
 from hil.core.gain_design import closed_loop_poles, gain_matrix
 from hil.core.laws.path_follower import PathFollower, PathState, feedback_part, with_path
@@ -108,7 +108,7 @@ class StateFeedbackLaw:
             target_V=target_V,
             reason=feedback.reason,
             problem=feedback.problem,
-            shown=NOTHING if path is None else {"path_1_V": y1, "path_2_V": y2},
+            shown={} if path is None else {"path_1_V": y1, "path_2_V": y2},
             events=_events(memory, new, inputs),
             feedback=FeedbackRecord(held_V, integral, feedback.pump_gain),
         )

@@ -163,7 +163,7 @@ class DiagnosisChoice(Section):
 
 
 class ControlChoice(Section):
-    """Which control law, by name, see `hil.bench.laws`, with options of its own, and what is common to all laws.
+    """Which control law, by name, see `hil.bench.law_choices`, with options of its own, and what is common to all laws.
 
     design : of the law `state_feedback`, by name, see `hil.bench.designs`. feedforward : of the same law, see
     `hil.core.feedforward`; without it, on for a design whose operating point follows the reference. reconfigure :

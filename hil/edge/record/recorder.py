@@ -109,7 +109,7 @@ class Recorder:
     ) -> None:
         """ticks, frames, sent, events : the open files. on_event : called with every event, must not block."""
         manifest = folder.manifest()
-        self._format = TickFormat(recorded(manifest.plan.mode))
+        self._format = TickFormat(recorded(manifest.plan.mode, manifest.plan.shown))
         self._is_live = manifest.plan.mode == "live"
         self._epoch_s = manifest.clock.monotonic_zero_epoch_s or 0.0
         self._has_run_zero = False

@@ -62,9 +62,9 @@ class RunCard:
     markdown: str
 
 
-def series(mode: RunMode) -> tuple[Series, ...]:
-    """All series of a recording of such a run."""
-    drawn = [(signal.curve, signal, place) for place, signal in enumerate(recorded(mode)) if signal.curve]
+def series(mode: RunMode, shown: Sequence[str] = ()) -> tuple[Series, ...]:
+    """All series of a recording of such a run, with what its control law shows."""
+    drawn = [(signal.curve, signal, place) for place, signal in enumerate(recorded(mode, shown)) if signal.curve]
     drawn.sort(key=lambda one: (one[0].entity, one[0].layer))  # stable: the table's order within a layer
     groups = [(entity, list(group)) for entity, group in groupby(drawn, key=lambda one: one[0].entity)]
     return tuple(
@@ -76,7 +76,7 @@ def series(mode: RunMode) -> tuple[Series, ...]:
 class RerunLog:
     """A `Timeline` for the recorder. Building it writes the static parts: half a second, before the loop.
 
-    mode : of the run, which decides the signals. batch_ticks : steps gathered before they are sent by themselves;
+    mode, shown : of the run, which decide the signals. batch_ticks : steps gathered before they are sent by themselves;
     `flush` sends what there is.
     """
 
@@ -87,16 +87,17 @@ class RerunLog:
         *,
         level_gain_V_cm: float,
         mode: RunMode,
+        shown: Sequence[str] = (),
         blueprint: rrb.Blueprint | None = None,
         batch_ticks: int = 250,
         compact_at_close: bool = False,
     ) -> None:
         self._path, self._compact_at_close = path, compact_at_close
-        signals = recorded(mode)
+        signals = recorded(mode, shown)
         self._to_V = np.array([level_gain_V_cm if signal.is_in_cm else 1.0 for signal in signals])
         columns = [signal.column for signal in signals]
         self._mode, self._theta1, self._theta2 = (columns.index(name) for name in ("mode", "theta1", "theta2"))
-        self._series = series(mode)
+        self._series = series(mode, shown)
         self._table = np.empty((batch_ticks, len(signals)))
         self._filled = 0
         self._events: list[tuple[float, Event]] = []

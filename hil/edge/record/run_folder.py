@@ -73,7 +73,8 @@ class RunPlan:
     """What is known of a run before its first step.
 
     settings : the merged settings as JSON-ready values, `{"rig": {...}, "scenario": {...}, ...}`; the review reads
-    `rig.sensors.gain_V_cm` from it. copies : file name -> full text of each configuration file that went in.
+    `rig.sensors.gain_V_cm` from it. copies : file name -> full text of each configuration file that went in. shown :
+    names of the numbers that the control law has recorded.
     """
 
     scenario: str
@@ -84,6 +85,7 @@ class RunPlan:
     reconfigure: bool = True
     settings: Mapping[str, Any] = field(default_factory=dict)
     copies: Mapping[str, str] = field(default_factory=dict)
+    shown: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,11 +147,12 @@ class Manifest:
                 raise RunFolderError(f"run.json has format {raw['format']}, this program reads {read}")
             if raw["status"] not in get_args(Status):
                 raise RunFolderError(f"run.json has the unknown status {raw['status']!r}")
-            plan = {name: raw.pop(name) for name in RunPlan.__dataclass_fields__}
+            shown = tuple(raw.pop("shown", ()))  # a run folder of an earlier version has none
+            plan = {name: raw.pop(name) for name in RunPlan.__dataclass_fields__ if name != "shown"}
             windows = tuple(Window(**window) for window in plan.pop("windows"))
             del raw["format"]
             clock = ClockOffsets(**raw.pop("clock", {}))
-            return cls(plan=RunPlan(windows=windows, **plan), clock=clock, **raw)
+            return cls(plan=RunPlan(windows=windows, shown=shown, **plan), clock=clock, **raw)
         except (ValueError, KeyError, TypeError) as error:
             raise RunFolderError(f"run.json is not a run's manifest: {error}") from error
 

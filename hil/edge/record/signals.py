@@ -267,9 +267,17 @@ SIGNALS: tuple[Signal, ...] = (
 )  # fmt: skip
 
 
-def recorded(mode: RunMode) -> tuple[Signal, ...]:
-    """The signals of a run in this mode, in the order of its columns."""
-    return tuple(signal for signal in SIGNALS if signal.only in (None, mode))
+def recorded(mode: RunMode, shown: Sequence[str] = ()) -> tuple[Signal, ...]:
+    """The signals of a run in this mode, in the order of its columns; last, what its control law shows, by name."""
+    return (*(signal for signal in SIGNALS if signal.only in (None, mode)), *map(_of_law, shown))
+
+
+def _of_law(name: str) -> Signal:
+    """A number that the control law of a run has recorded; NaN in a step in which it shows none."""
+    meaning = f"{name}, as the control law of the run shows it"
+    return Signal(
+        f"law_{name}", "", meaning, lambda step: step.record.shown.get(name, math.nan), Curve(f"law/{name}", name)
+    )
 
 
 def markdown_table() -> str:
