@@ -16,6 +16,7 @@ from hil.bench.detectors import DETECTORS
 from hil.bench.dry_step import FAILURES, DryStepError, try_out
 from hil.bench.law_choices import STATE_FEEDBACK, make_law
 from hil.bench.law_setup import LawSetup
+from hil.bench.reference_plan import reference_plan
 from hil.core.active_isolation import ProbeConfig
 from hil.core.closed_loop import LoopConfig
 from hil.core.control_law import ControlLaw
@@ -26,8 +27,7 @@ from hil.core.estimator import LevelFilter
 from hil.core.gain_design import GainDesign
 from hil.core.interlocks import Limits
 from hil.core.start_phase import StartConfig
-from hil.core.tanks import equilibrium
-from hil.core.types import Action, Inputs, Mode, Pair, Quad, Request, TripCause
+from hil.core.types import Action, Inputs, Mode, Quad, Request, TripCause
 from hil.edge.config.rig_file import Rig, load_rig
 from hil.edge.config.scenario_file import DiagnosisChoice, OperatorRequest, Scenario, load_scenario
 from hil.edge.config.settings_file import SettingsError, default_config_dir, read_text
@@ -169,11 +169,13 @@ def controller_config(bench: Bench, duration_s: float | None = None) -> Controll
     """The controller of this scenario on this rig. Raises SettingsError when no design meets the rig file."""
     rig, scenario = bench.rig, bench.scenario
     model, path = rig.tank_model, rig.pump_path
+    references, moves = reference_plan(scenario, rig, str(bench.scenario_path))
     loop = LoopConfig(
         law=_control_law(bench),
         detector=_fault_detector(bench),
         level_filter=LevelFilter(model, rig.lags_s, rig.control.level_filter_s),
-        references=reference_schedule(scenario, rig, str(bench.scenario_path)),
+        references=references,
+        moves=moves,
         reconfigure=scenario.control.reconfigure,
         period_s=rig.control.period_s,
         start=StartConfig(
@@ -248,32 +250,6 @@ def _fault_detector(bench: Bench) -> FaultDetector:
         return bench.detector
     choice = DETECTORS.find(bench.scenario.diagnosis.method, str(bench.scenario_path))
     return choice.make(bench.rig, bench.scenario)
-
-
-def reference_schedule(scenario: Scenario, rig: Rig, where: str) -> tuple[tuple[float, Pair], ...]:
-    """References as absolute output voltages, ascending in time, the first at 0: the operating point's levels.
-
-    Raises SettingsError when one lies below empty or above the level that trips.
-    """
-    k = rig.tank_model.level_gain_V_cm
-    highest = k * rig.safety.level_max_cm
-    h1, h2, _, _ = equilibrium(rig.tank_model, rig.operating_drives)
-    levels_V: Pair = (k * h1, k * h2)
-    schedule = [(0.0, levels_V)]
-    for index, reference in enumerate(scenario.reference):
-        if reference.change_V is not None:
-            levels_V = (levels_V[0] + reference.change_V[0], levels_V[1] + reference.change_V[1])
-        elif reference.levels_V is not None:
-            levels_V = reference.levels_V
-        elif reference.levels_cm is not None:
-            levels_V = (k * reference.levels_cm[0], k * reference.levels_cm[1])
-        if not all(0.0 <= level <= highest for level in levels_V):
-            raise SettingsError(
-                f"{where}: reference[{index}]: leads to {levels_V[0]:g}, {levels_V[1]:g} V, outside 0..{highest:g} V "
-                f"(safety.level_max_cm {rig.safety.level_max_cm:g})"
-            )
-        schedule.append((reference.at_s, levels_V))
-    return tuple(schedule)
 
 
 def run_plan(bench: Bench, *, is_live: bool, seed: int | None) -> RunPlan:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from functools import lru_cache
 from math import ceil, floor
 
-from hil.bench.assembly import Bench, reference_schedule
+from hil.bench.assembly import Bench
+from hil.bench.reference_plan import reference_plan
 from hil.core.fault_kinds import FaultKind
 from hil.core.tanks import holding_voltages
 from hil.core.types import Pair
@@ -74,7 +75,7 @@ def _held(bench: Bench, onset_s: float) -> tuple[tuple[float, Pair], ...]:
     """How long the pumps hold each reference up to the onset, s, and at which voltages."""
     model = bench.rig.tank_model
     k = model.level_gain_V_cm
-    schedule = [at for at in reference_schedule(bench.scenario, bench.rig, "") if at[0] <= onset_s]
+    schedule = [at for at in reference_plan(bench.scenario, bench.rig, str(bench.scenario_path))[0] if at[0] <= onset_s]
     held = []
     for (from_s, (y1, y2)), until_s in zip(schedule, [*(at for at, _ in schedule[1:]), onset_s], strict=True):
         is_last = until_s == onset_s

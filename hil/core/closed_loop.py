@@ -19,7 +19,7 @@ from hil.core.following import Followed, follow
 from hil.core.law_check import checked
 from hil.core.law_copies import inputs_of_law
 from hil.core.pumps import STRAIGHT, PumpPath, UnderWay
-from hil.core.reference_path import TIME_TOLERANCE_S, RunReferences
+from hil.core.reference_path import TIME_TOLERANCE_S, ReferenceMove, RunReferences
 from hil.core.sensors import PLAIN, LevelSensors
 from hil.core.start_phase import StartConfig, StartPhase
 from hil.core.types import (
@@ -49,7 +49,8 @@ UNSTABLE_S = 5.0
 class LoopConfig:
     """Configuration of the control loop.
 
-    references : (at_s, (r1, r2) in V), ascending in time, the first at 0. reconfigure : whether the law is told of the
+    references, moves : (at_s, (r1, r2) in V), ascending in time, the first at 0, and which of them are reached by a
+    ramp or trajectory, see `RunReferences`. reconfigure : whether the law is told of the
     diagnosis by `LawInputs.followed`. pumps, sensors : what lies between the law's drives and the commands, and between
     readings and level signals. start : of the start phase.
     """
@@ -63,6 +64,7 @@ class LoopConfig:
     pumps: PumpPath = STRAIGHT
     sensors: LevelSensors = PLAIN
     start: StartConfig = field(default_factory=StartConfig)
+    moves: tuple[tuple[int, ReferenceMove], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +131,7 @@ def begin(config: LoopConfig, inputs: Inputs, now_ns: int) -> LoopState:
     """State at the first step in control, which begins the start phase if the levels found need one."""
     reference, level_cm = config.references[0][1], measured_level_cm(config, inputs)
     start = start_phase.plan(config.start, config.level_filter.model, level_cm, reference, config.period_s)
-    references = RunReferences(config.references, start)
+    references = RunReferences(config.references, start, config.moves)
     drive_V = config.pumps.drive(inputs.pumps.applied_V)
     estimate = estimator.start(config.level_filter, inputs.measurement, drive_V)
     last = LastCommand(given_V=drive_V)
@@ -177,7 +179,7 @@ def step(
     arrived_V, under_way = _arrived(config, state, inputs, now_ns)
     estimate, memory, diagnosis = _observe(config, state, inputs, t_s, period_s, arrived_V)
     followed = follow(state.followed, diagnosis, t_s) if config.reconfigure else state.followed
-    last, references = state.last, RunReferences(config.references, state.start)
+    last, references = state.last, RunReferences(config.references, state.start, config.moves)
     requested = references.requested(t_s)
     known = LawInputs(
         t_s=t_s,
@@ -217,7 +219,7 @@ def step(
         followed=followed,
         unstable_since_s=min(state.unstable_since_s, t_s) if request.problem else inf,
     )
-    return new, _events(state, new)
+    return new, _events(references, state, new)
 
 
 def conclude(config: LoopConfig, state: LoopState, inputs: Inputs, command_V: Pair, mode: Mode) -> LoopState:
@@ -234,7 +236,7 @@ def conclude(config: LoopConfig, state: LoopState, inputs: Inputs, command_V: Pa
     last = LastCommand(given, authority=Authority.OPERATOR if mode is Mode.MANUAL else Authority.NOBODY)
     if mode not in (Mode.DISARMED, Mode.READY):
         return replace(state, last=last)
-    references = RunReferences(config.references, state.start)
+    references = RunReferences(config.references, state.start, config.moves)
     known = replace(state.inputs, wanted_V=given, given_V=given, excess_V=last.excess_V, authority=last.authority)
     return replace(state, last=last, law_memory=config.law.start(inputs_of_law(known, references)))
 
@@ -340,20 +342,36 @@ def _iae(state: LoopState, estimate: Estimate, period_s: float) -> Pair:
     return i1 + abs(r1 - y[0]) * period_s, i2 + abs(r2 - y[1]) * period_s
 
 
-def _events(old: LoopState, new: LoopState) -> tuple[Event, ...]:
+def _events(references: RunReferences, old: LoopState, new: LoopState) -> tuple[Event, ...]:
     events = [_alarm(alarm) for alarm in new.diagnosis.new_alarms]
     is_first_step = new.stepped_ns == new.started_ns - (0 if new.start is None else new.start.length_ns)
     if is_first_step and new.start is not None:
         events.append(start_phase.begins(new.start, new.inputs.requested_V))
-    if new.reference_V != old.reference_V and not new.is_starting:
-        r1, r2 = new.reference_V
-        events.append(Event(Severity.INFO, "reference", f"reference {r1:.4f}, {r2:.4f} V", {"reference_V": [r1, r2]}))
+    events += _reference_events(references, old, new)
     events += new.request.events
     if new.request.reason not in ("", old.request.reason) and all(e.code != "target" for e in new.request.events):
         (r1, r2), reason = new.request.target_V, new.request.reason
         text = f"not at the reference ({reason}): aiming at {r1:.4f}, {r2:.4f} V"
         events.append(Event(Severity.WARNING, "target", text, {"target_V": [r1, r2], "reason": reason}))
     return tuple(events)
+
+
+def _reference_events(references: RunReferences, old: LoopState, new: LoopState) -> list[Event]:
+    """An event for a step, and one at the beginning of a ramp or trajectory."""
+    if new.is_starting:
+        return []
+    number = references.entry(new.t_s)
+    move = references.move(number)
+    if move is None:
+        if new.reference_V == old.reference_V:
+            return []
+        r1, r2 = new.reference_V
+        return [Event(Severity.INFO, "reference", f"reference {r1:.4f}, {r2:.4f} V", {"reference_V": [r1, r2]})]
+    if references.entry(old.t_s) == number and new.stepped_ns > new.started_ns:
+        return []
+    (r1, r2), time_s = references.schedule[number][1], move.end_s - move.times_s[0]
+    text = f"reference moves to {r1:.4f}, {r2:.4f} V in {time_s:g} s"
+    return [Event(Severity.INFO, "reference", text, {"reference_V": [r1, r2], "move_s": time_s})]
 
 
 def _alarm(alarm: Alarm) -> Event:

@@ -221,12 +221,13 @@ def _probe(
     t_s = _run_time_s(loop, loop.stepped_ns)
     past = [at_s for at_s, _ in config.loop.references[1:] if at_s <= t_s + TIME_TOLERANCE_S]
     coming = [at_s for at_s, _ in config.loop.references if at_s > t_s + TIME_TOLERANCE_S]
+    is_moving = loop.is_starting or loop.inputs.references.rate(t_s) != (0.0, 0.0)
     at = Occasion(
         mode=mode,
         inputs=inputs,
         belief=belief,
         raw_V=loop.raw_V,
-        reference_s=t_s if loop.is_starting else max(past, default=-inf),
+        reference_s=t_s if is_moving else max(past, default=-inf),
         next_reference_s=min(coming, default=inf),
         end_s=config.duration_s,
     )

@@ -40,7 +40,7 @@ def inputs_of_law(known: LawInputs, references: RunReferences) -> LawInputs:
         ("estimate", copied(known.estimate)),
         ("diagnosis", copied(known.diagnosis)),
         ("followed", copied(known.followed)),
-        ("references", RunReferences(references.schedule, None if start is None else copied(start))),
+        ("references", RunReferences(references.schedule, None if start is None else copied(start), references.moves)),
     ):
         object.__setattr__(new, name, value)
     return new

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hil.bench import assembly
+from hil.bench.reference_plan import reference_plan
 from hil.bench.results import RunResult
 from hil.core.laws.state_feedback_law import StateFeedbackLaw
 from hil.edge.config.settings_file import SettingsError
@@ -155,7 +156,7 @@ def test_a_reference_is_a_level_signal(tmp_path: Path) -> None:
     """0.5 V/cm whatever the sensors; the first output is read by a falling sensor of 0.45 V/cm."""
     file = scenario(tmp_path / "real.toml", HEAD.format(20.0) + "[[reference]]\nat_s = 5.0\nlevels_V = [6.0, 6.5]\n")
     bench = assembly.load(file)
-    assert assembly.reference_schedule(bench.scenario, bench.rig, "")[-1] == (5.0, (6.0, 6.5))
+    assert reference_plan(bench.scenario, bench.rig, "")[0][-1] == (5.0, (6.0, 6.5))
     chosen = assembly.controller_config(bench).loop.law
     assert isinstance(chosen, StateFeedbackLaw)
     law = chosen.reconfiguration.law((6.0, 6.5), (1.0, 1.0))

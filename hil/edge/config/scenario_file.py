@@ -33,18 +33,26 @@ class ScenarioInfo(Section):
 
 
 class Reference(Section):
-    """A change of the references, given in exactly one of three ways."""
+    """A change of the references, given in exactly one of four ways.
+
+    ramp_s : the references move to the new values linearly in this time. file : a CSV file with a trajectory, see
+    `hil.edge.config.trajectory_file`.
+    """
 
     at_s: NotNegative
     change_V: tuple[Finite, Finite] | None = None
     levels_V: tuple[LevelVolts, LevelVolts] | None = None
     levels_cm: tuple[LevelCm, LevelCm] | None = None
+    file: Annotated[str, Field(min_length=1, max_length=4096)] | None = None
+    ramp_s: NotNegative = 0.0
 
     @model_validator(mode="after")
     def _says_it_once(self) -> Self:
-        given = [k for k in ("change_V", "levels_V", "levels_cm") if getattr(self, k) is not None]
+        given = [k for k in ("change_V", "levels_V", "levels_cm", "file") if getattr(self, k) is not None]
         if len(given) != 1:
-            raise ValueError(f"has {', '.join(given) or 'none'} of change_V, levels_V, levels_cm: give one")
+            raise ValueError(f"has {', '.join(given) or 'none'} of change_V, levels_V, levels_cm, file: give one")
+        if self.file is not None and self.ramp_s > 0.0:
+            raise ValueError("has file and ramp_s: a trajectory has its own times")
         return self
 
 
