@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 
 from hil.core import estimator
 from hil.core.control_law import Authority, ControlLaw, LawInputs
+from hil.core.diagnosis.detector import FaultDetector
 from hil.core.estimator import LevelFilter
-from hil.core.following import Followed
+from hil.core.following import Followed, follow
 from hil.core.tanks import TankModel, equilibrium, holding_voltages
-from hil.core.types import Diagnosis, Measurement, Pair, Quad
+from hil.core.types import Alarm, Diagnosis, Measurement, Pair, Quad
 
 Array = NDArray[np.float64]
 
@@ -55,7 +56,7 @@ class References:
 class Trial:
     """references, faults (effectiveness), manual (drives, from and until when): what happens; level_cm : at the start.
 
-    noise_V : of a reading. report_s : age at which the diagnosis reports a fault.
+    noise_V : of a reading. report_s : age at which the diagnosis reports a fault. lag_s : of the pumps.
     """
 
     duration_s: float
@@ -66,6 +67,7 @@ class Trial:
     given_V: Pair = (0.0, 0.0)
     noise_V: float = NOISE_V
     report_s: float = REPORT_S
+    lag_s: float = LAG_S
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +81,7 @@ class Course:
     reference_V: Array
     target_V: Array
     shown: tuple[dict[str, float], ...]
+    alarms: tuple[Alarm, ...]
     level_gain_V_cm: float
 
     @property
@@ -132,8 +135,18 @@ def drawn(model: TankModel, seed: int, spread: float = 0.03) -> TankModel:
     )
 
 
-def run(law: ControlLaw, known: TankModel, truth: TankModel, trial: Trial, seed: int = 0) -> Course:
-    """One run. known : the tanks of the rig file, for the level filter. truth : those of the rig."""
+def run(
+    law: ControlLaw,
+    known: TankModel,
+    truth: TankModel,
+    trial: Trial,
+    seed: int = 0,
+    detector: FaultDetector | None = None,
+) -> Course:
+    """One run. known : the tanks of the rig file, for the level filter. truth : those of the rig.
+
+    detector : finds the faults instead of the perfect diagnosis.
+    """
     rng = np.random.default_rng(seed)
     level_filter = LevelFilter(known, (LAG_S, LAG_S), 0.5)
     references, gain = References(trial.references), known.level_gain_V_cm
@@ -144,22 +157,29 @@ def run(law: ControlLaw, known: TankModel, truth: TankModel, trial: Trial, seed:
     y1, y2, y3, y4 = _reading(levels, truth, [0.0] * 4)
     level_V = (y1, y2, y3, y4)
     memory, estimate, authority = None, None, Authority.NOBODY
+    diagnosis, followed, alarms = Diagnosis(), Followed(), list[Alarm]()
+    found = None if detector is None else detector.start()
     for k in range(round(trial.duration_s / PERIOD_S)):
         t_s, period_s = k * PERIOD_S, PERIOD_S if k else 0.0
         measurement = Measurement(level_V, (True, True, True, True), 0.0, 5)
-        reported = References(trial.faults).at(t_s - trial.report_s)
         estimate = (
             estimator.start(level_filter, measurement, given)
             if estimate is None
-            else estimator.step(level_filter, estimate, given, reported, measurement, period_s)
+            else estimator.step(level_filter, estimate, given, diagnosis.effectiveness, measurement, period_s)
         )
+        if detector is None:
+            diagnosis = Diagnosis(effectiveness=References(trial.faults).at(t_s - trial.report_s))
+        else:
+            found, diagnosis = detector.step(found, t_s, measurement, estimate, given)
+        alarms += diagnosis.new_alarms
+        followed = follow(followed, diagnosis, t_s)
         inputs = LawInputs(
             t_s=t_s,
             period_s=period_s,
             level_cm=(level_V[0] / gain, level_V[1] / gain, level_V[2] / gain, level_V[3] / gain),
             estimate=estimate,
-            diagnosis=Diagnosis(effectiveness=reported),
-            followed=Followed(effectiveness=reported),
+            diagnosis=diagnosis,
+            followed=followed,
             reference_V=references.at(t_s),
             requested_V=references.at(t_s),
             references=references,
@@ -180,10 +200,11 @@ def run(law: ControlLaw, known: TankModel, truth: TankModel, trial: Trial, seed:
         rows.append((t_s, *levels, *wanted, *given, *inputs.reference_V, *request.target_V))
         shown.append(dict(request.shown))
         noise = (trial.noise_V * rng.standard_normal((round(PERIOD_S / READING_S), 4))).tolist()
-        level_V = _moved(levels, pump_V, given, truth, References(trial.faults).at(t_s), noise)
+        level_V = _moved(levels, pump_V, given, truth, References(trial.faults).at(t_s), noise, trial.lag_s)
     table = np.array(rows)
     return Course(
         table[:, 0], table[:, 1:5], table[:, 5:7], table[:, 7:9], table[:, 9:11], table[:, 11:13], tuple(shown),
+        tuple(alarms),
         known.level_gain_V_cm,
     )  # fmt: skip
 
@@ -212,6 +233,7 @@ def _moved(
     truth: TankModel,
     effectiveness: Pair,
     noise: list[list[float]],
+    lag_s: float,
 ) -> Quad:
     """Advance levels and pumps, in place, by a control period; the mean of the readings on the way."""
     A, a, (k1, k2), (g1, g2) = truth.area_cm2, truth.outlet_cm2, truth.pump_gain_cm3_Vs, truth.valve_split
@@ -219,7 +241,7 @@ def _moved(
     total = [0.0, 0.0, 0.0, 0.0]
     for of_reading in noise:
         for pump in (0, 1):
-            pump_V[pump] += READING_S / LAG_S * (given[pump] - pump_V[pump])
+            pump_V[pump] += READING_S / lag_s * (given[pump] - pump_V[pump])
         q1, q2 = effectiveness[0] * k1 * pump_V[0], effectiveness[1] * k2 * pump_V[1]
         out1, out2, out3, out4 = (a[i] * c * sqrt(levels[i]) if levels[i] > 0.0 else 0.0 for i in range(4))
         rates = (out3 + g1 * q1 - out1, out4 + g2 * q2 - out2, (1.0 - g2) * q2 - out3, (1.0 - g1) * q1 - out4)

@@ -9,12 +9,19 @@ of the group `fourtank_hil.detectors`.
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import sqrt
 
 from hil.bench.choice_table import ChoiceTable, TableChoice
+from hil.core.diagnosis.dedicated_observers import DedicatedObservers
 from hil.core.diagnosis.detector import FaultDetector
 from hil.core.diagnosis.ideal import IdealDetector, NoDetector, PumpFault
-from hil.edge.config.rig_file import Rig
+from hil.core.diagnosis.interacting_models import InteractingModels
+from hil.core.diagnosis.sliding_mode import SlidingModeBank
+from hil.edge.config.rig_file import CYCLES_S, Rig
 from hil.edge.config.scenario_file import Fault, Scenario
+
+MIN_NOISE_V = 0.0005
+"""Smaller noise of a rig file counts as this: a filter needs some."""
 
 DetectorMaker = Callable[[Rig, Scenario], FaultDetector]
 
@@ -41,6 +48,22 @@ def ideal_detector(rig: Rig, scenario: Scenario) -> FaultDetector:  # noqa: ARG0
     return IdealDetector(known_pump_faults(scenario), scenario.diagnosis.delay_s)
 
 
+def dedicated_observers(rig: Rig, scenario: Scenario) -> FaultDetector:  # noqa: ARG001 - it finds the faults itself
+    """One observer for each tank, fixed thresholds."""
+    return DedicatedObservers(rig.tank_model)
+
+
+def sliding_mode_bank(rig: Rig, scenario: Scenario) -> FaultDetector:  # noqa: ARG001 - it finds the faults itself
+    """High-order sliding-mode observers, fixed thresholds."""
+    return SlidingModeBank(rig.tank_model)
+
+
+def interacting_models(rig: Rig, scenario: Scenario) -> FaultDetector:  # noqa: ARG001 - it finds the faults itself
+    """A Kalman filter for each pair of pump gains."""
+    readings = max(rig.control.period_s / CYCLES_S["levels"], 1.0)
+    return InteractingModels(rig.tank_model, max(max(rig.signal_noise), MIN_NOISE_V) / sqrt(readings))
+
+
 def no_detector(rig: Rig, scenario: Scenario) -> FaultDetector:  # noqa: ARG001 - it looks at nothing
     """Never reports anything."""
     return NoDetector()
@@ -54,6 +77,9 @@ DETECTORS: ChoiceTable[DetectorMaker] = ChoiceTable(
     ),
     TableChoice(IDEAL, "is given the scenario's pump faults and reports them exactly, delay_s late", ideal_detector),
     TableChoice("none", "reports nothing", no_detector),
+    TableChoice("dedicated_observers", "one observer for each tank, fixed thresholds; pumps only", dedicated_observers),
+    TableChoice("sliding_mode", "a bank of high-order sliding-mode observers; pumps only", sliding_mode_bank),
+    TableChoice("interacting_models", "a Kalman filter for each pair of pump gains; pumps only", interacting_models),
 )
 
 

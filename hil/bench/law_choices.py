@@ -19,6 +19,7 @@ from typing import Any, get_type_hints
 
 from pydantic import create_model
 
+from hil.bench import comparator_laws as comparators
 from hil.bench.choice_table import ChoiceTable, TableChoice
 from hil.bench.law_setup import LawOptions, LawSetup
 from hil.core.control_law import ControlLaw
@@ -70,6 +71,12 @@ LAWS: ChoiceTable[LawMaker] = ChoiceTable(
         "the paper's state feedback with integral action; its gains are computed again for what the diagnosis finds",
         state_feedback_law,
     ),
+    TableChoice("pi", "a PI controller for each output, paired by the relative gain", comparators.pi_law),
+    TableChoice("lqr", "linear-quadratic state feedback with integral action", comparators.lqr_law),
+    TableChoice("governor", "a command governor around the linear-quadratic law; extra mpc", comparators.governor_law),
+    TableChoice("mpc", "linear model predictive control, free of offset; extra mpc", comparators.predictive_law),
+    TableChoice("fuzzy_mpc", "predictive control, fuzzy model and weights; extra mpc", comparators.fuzzy_law),
+    TableChoice("feedback_linearisation", "exact linearisation; minimum-phase rigs only", comparators.linearising_law),
 )
 
 

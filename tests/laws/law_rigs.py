@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from hil.bench import comparator_laws as made
 from hil.core.control_law import ControlLaw
-from hil.core.laws.command_governor import CommandGovernor
 from hil.core.laws.decentralised_pi import DecentralisedPi
-from hil.core.laws.feedback_linearisation import FeedbackLinearisation
-from hil.core.laws.fuzzy_predictive import fuzzy_predictive
 from hil.core.laws.law_plant import LawPlant
-from hil.core.laws.linear_quadratic import LinearQuadraticDesign, WeightedFeedback
-from hil.core.laws.predictive import PredictiveControl
-from hil.core.reconfiguration import Reconfiguration
+from hil.core.laws.linear_quadratic import WeightedFeedback
 from hil.core.tanks import TankModel, equilibrium
 from hil.core.types import Pair
 
 MINUS = TankModel()
 PLUS = replace(MINUS, pump_gain_cm3_Vs=(3.14, 3.29), valve_split=(0.43, 0.34))
-LIMIT_V, LAG_S, PERIOD_S = (10.0, 10.0), (0.2, 0.2), 0.1
+LIMIT_V, LAG_S, PERIOD_S, ANTI_WINDUP_S = (10.0, 10.0), (0.2, 0.2), 0.1, 5.0
 
 MINUS_PLANT = LawPlant(MINUS, LIMIT_V, LAG_S, PERIOD_S, (3.0, 3.0), 20.0)
 PLUS_PLANT = LawPlant(PLUS, LIMIT_V, LAG_S, PERIOD_S, (3.15, 3.15), 20.0)
@@ -26,29 +22,25 @@ PLUS_PLANT = LawPlant(PLUS, LIMIT_V, LAG_S, PERIOD_S, (3.15, 3.15), 20.0)
 
 def johansson_pi(plant: LawPlant) -> DecentralisedPi:
     """The published settings of each phase, straight pairing."""
-    if plant is PLUS_PLANT:
-        return DecentralisedPi(plant, (1.5, -0.12), (110.0, 220.0))
-    return DecentralisedPi(plant, (3.0, 2.7), (30.0, 40.0))
+    return made.make_pi(plant, made.PiOptions(settings="johansson"))
 
 
 def lqr(plant: LawPlant) -> WeightedFeedback:
-    design = LinearQuadraticDesign(6.0, 0.1, 0.3)
-    reconfiguration = Reconfiguration(plant.model, design, LIMIT_V, plant.operating_V)
-    return WeightedFeedback(reconfiguration, PERIOD_S, 5.0, 0.7)
+    return made.make_lqr(plant, made.LqrOptions(), ANTI_WINDUP_S)
 
 
 def laws(plant: LawPlant) -> dict[str, ControlLaw]:
-    """Name -> law."""
-    return {
-        "pi": DecentralisedPi(plant, (8.0, 8.0), (12.0, 12.0)),
+    """Name -> law; without feedback linearisation where it does not exist."""
+    both: dict[str, ControlLaw] = {
+        "pi": made.make_pi(plant, made.PiOptions()),
         "lqr": lqr(plant),
-        "feedback_linearisation": FeedbackLinearisation(plant, 1.0, 0.25),
-        "governor": CommandGovernor(plant, lqr(plant)),
-        "mpc": PredictiveControl(plant, 60.0, 0.01, 4.0),
-        "fuzzy_mpc": fuzzy_predictive(
-            PredictiveControl(plant, 60.0, 0.01, 4.0, has_fixed_model=True), 0.02, 0.001, 0.05, 0.05
-        ),
+        "governor": made.make_governor(plant, made.GovernorOptions(), ANTI_WINDUP_S),
+        "mpc": made.make_predictive(plant, made.PredictiveOptions()),
+        "fuzzy_mpc": made.make_fuzzy(plant, made.FuzzyOptions()),
     }
+    if plant is MINUS_PLANT:
+        both["feedback_linearisation"] = made.make_linearising(plant, made.LinearisingOptions())
+    return both
 
 
 def rest_outputs(plant: LawPlant) -> Pair:

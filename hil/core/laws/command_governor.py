@@ -15,7 +15,7 @@ changes while the program has no solution.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import expm
@@ -87,7 +87,7 @@ class CommandGovernor:
         theta = known_effectiveness(inputs.followed, self.feedback.use_diagnosis)
         aim = steady_aim(self.plant, inputs.reference_V, theta)
         command = memory.command_V
-        if inputs.authority is not Authority.LAW:
+        if inputs.authority is Authority.OPERATOR:
             command = aim.target_V
         elif command != aim.target_V:
             command = self._governed(memory, inputs, aim.target_V, theta)
@@ -96,7 +96,7 @@ class CommandGovernor:
         if inner.law is not loop.law:
             loop = closed_loop(self.plant.model, inner.law, self.feedback.reference_weight)
         shown = {**request.shown, "command_1_V": command[0], "command_2_V": command[1]}
-        governed = LawRequest(request.drive_V, aim.target_V, aim.reason, request.problem, shown)
+        governed = replace(request, target_V=aim.target_V, reason=aim.reason, shown=shown)
         return GovernorMemory(inner, command, loop), governed
 
     def _governed(self, memory: GovernorMemory, inputs: LawInputs, target_V: Pair, theta: Pair) -> Pair:

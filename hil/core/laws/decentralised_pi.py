@@ -16,7 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hil.core.control_law import Authority, LawInputs, LawRequest
-from hil.core.laws.law_plant import LawPlant, SteadyAim, known_effectiveness, pump_drives, steady_aim
+from hil.core.laws.law_plant import LawPlant, SteadyAim, change_events, known_effectiveness, pump_drives, steady_aim
 from hil.core.tanks import TankModel
 from hil.core.types import Pair
 
@@ -64,12 +64,14 @@ class DecentralisedPi:
 
     def step(self, memory: PiMemory, inputs: LawInputs) -> tuple[PiMemory, LawRequest]:
         """One step of both controllers. An error of this step counts from the next one on."""
-        memory = self._following(memory, inputs)
-        if inputs.authority is not Authority.LAW:
+        before, memory = memory, self._following(memory, inputs)
+        if inputs.authority is Authority.OPERATOR:
             memory = self._taken_over(memory, inputs)
         (p1, p2), (i1, i2), (b1, b2) = self._proportional(inputs), memory.integral_V, memory.bias_V
         drive_V = pump_drives(memory.aim, (b1 + p1 + i1, b2 + p2 + i2))
-        return memory, LawRequest(drive_V=drive_V, target_V=inputs.reference_V, shown={"pi_1_V": i1, "pi_2_V": i2})
+        events = change_events(before.aim, memory.aim) if self.use_diagnosis else ()
+        shown = {"integral_1_V": i1, "integral_2_V": i2}
+        return memory, LawRequest(drive_V=drive_V, target_V=inputs.reference_V, shown=shown, events=events)
 
     def _following(self, memory: PiMemory, inputs: LawInputs) -> PiMemory:
         """The memory after the last period: integrals of error and of what the pumps were not given."""
@@ -80,15 +82,14 @@ class DecentralisedPi:
         gains, times = self._of_pumps(self.gain_V_V), self._of_pumps(self.integral_s)
         errors = self._of_pumps(_errors(self.plant.model, inputs))
         i1, i2 = (
-            value + inputs.period_s / time * (gain * error + share * (given - wanted))
-            for value, time, gain, error, share, given, wanted in zip(
+            value + inputs.period_s / time * (gain * error - share * excess)
+            for value, time, gain, error, share, excess in zip(
                 memory.integral_V,
                 times,
                 gains,
                 errors,
                 memory.aim.effectiveness,
-                inputs.given_V,
-                inputs.wanted_V,
+                inputs.excess_V,
                 strict=True,
             )
         )

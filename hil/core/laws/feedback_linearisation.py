@@ -14,23 +14,36 @@ limits; a and b from one pole a/2 taken twice, drives divided by the diagnosed e
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import exp
 
 from hil.core.control_law import Authority, LawInputs, LawRequest
 from hil.core.eigenstructure import DesignError
-from hil.core.laws.law_plant import LawPlant, SteadyAim, known_effectiveness, pump_drives, steady_aim
+from hil.core.laws.law_plant import (
+    TAKEOVER_S,
+    LawPlant,
+    SteadyAim,
+    change_events,
+    known_effectiveness,
+    pump_drives,
+    steady_aim,
+)
 from hil.core.tanks import outflows
 from hil.core.types import Pair
 
 
 @dataclass(frozen=True, slots=True)
 class LinearisingMemory:
-    """model_V : (2,) outputs m of the reference model. integral_V_s : (2,) b times the integral of m - y, V/s."""
+    """model_V : (2,) outputs m of the reference model. integral_V_s : (2,) b times the integral of m - y, V/s.
+
+    offset_V : (2,) what is left of the difference to drives that were taken over, effective.
+    """
 
     model_V: Pair
     integral_V_s: Pair
     aim: SteadyAim
     aim_for: tuple[Pair, Pair]
+    offset_V: Pair = (0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,14 +75,15 @@ class FeedbackLinearisation:
     def step(self, memory: LinearisingMemory, inputs: LawInputs) -> tuple[LinearisingMemory, LawRequest]:
         """One step: the drives that give the rates n, within what the pumps have; the model moves as they do."""
         theta = known_effectiveness(inputs.followed, self.use_diagnosis)
-        aim = memory.aim
+        before = aim = memory.aim
         if memory.aim_for != (inputs.reference_V, theta):
             aim = steady_aim(self.plant, inputs.reference_V, theta)
-        memory = LinearisingMemory(memory.model_V, memory.integral_V_s, aim, (inputs.reference_V, theta))
-        if inputs.authority is not Authority.LAW:
+        memory = replace(memory, aim=aim, aim_for=(inputs.reference_V, theta))
+        if inputs.authority is Authority.OPERATOR:
             memory = self._taken_over(memory, inputs)
         asked = self._asked(memory, inputs)
-        effective_V = self._drives(inputs, asked)
+        (v1, v2), (o1, o2) = self._drives(inputs, asked), memory.offset_V
+        effective_V = (v1 + o1, v2 + o2)
         limits = (aim.effectiveness[0] * self.plant.limit_V[0], aim.effectiveness[1] * self.plant.limit_V[1])
         v1, v2 = (min(max(v, 0.0), limit) for v, limit in zip(effective_V, limits, strict=True))
         can = self._rates(inputs, (v1, v2))
@@ -77,6 +91,7 @@ class FeedbackLinearisation:
             drive_V=pump_drives(aim, effective_V),
             target_V=aim.target_V,
             reason=aim.reason,
+            events=change_events(before, aim),
             shown={"model_1_V": memory.model_V[0], "model_2_V": memory.model_V[1]},
         )
         return self._moved(memory, inputs, asked, can), request
@@ -102,14 +117,16 @@ class FeedbackLinearisation:
             i + b * T * (m - y)
             for i, m, y in zip(memory.integral_V_s, memory.model_V, self._outputs(inputs), strict=True)
         )
-        return LinearisingMemory((m1, m2), (i1, i2), memory.aim, memory.aim_for)
+        fading = exp(-T / TAKEOVER_S)
+        offset = (memory.offset_V[0] * fading, memory.offset_V[1] * fading)
+        return replace(memory, model_V=(m1, m2), integral_V_s=(i1, i2), offset_V=offset)
 
     def _taken_over(self, memory: LinearisingMemory, inputs: LawInputs) -> LinearisingMemory:
         """The memory from which this law gives the drives that the pumps have; the model is at the outputs."""
+        memory = replace(memory, model_V=self._outputs(inputs))
         (t1, t2), (v1, v2) = memory.aim.effectiveness, inputs.given_V
-        rates, y, r = self._rates(inputs, (t1 * v1, t2 * v2)), self._outputs(inputs), memory.aim.target_V
-        integral = (rates[0] - self.reference_1_s * (r[0] - y[0]), rates[1] - self.reference_1_s * (r[1] - y[1]))
-        return LinearisingMemory(y, integral, memory.aim, memory.aim_for)
+        wanted = self._drives(inputs, self._asked(memory, inputs))
+        return replace(memory, offset_V=(t1 * v1 - wanted[0], t2 * v2 - wanted[1]))
 
     def _outputs(self, inputs: LawInputs) -> Pair:
         k = self.plant.model.level_gain_V_cm

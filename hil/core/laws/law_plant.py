@@ -8,12 +8,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf
+from typing import Protocol
 
 from hil.core.following import HEALTHY, Followed
 from hil.core.pumps import STRAIGHT, PumpPath
 from hil.core.reconfiguration import MIN_EFFECTIVENESS
 from hil.core.tanks import TankModel, equilibrium, nearest_reachable
-from hil.core.types import Pair, Quad
+from hil.core.types import Event, Pair, Quad, Severity
+
+TAKEOVER_S = 2.0
+"""Time constant with which laws without integrals to set let the difference to an operator's drives fade."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +76,39 @@ def steady_aim(plant: LawPlant, reference_V: Pair, effectiveness: Pair) -> Stead
         standby_V=standby,
         reason=reachable.reason,
     )
+
+
+class Aims(Protocol):
+    """What there is to say about a change: a `SteadyAim` or a `StateFeedback`."""
+
+    @property
+    def target_V(self) -> Pair:  # noqa: N802 - the name of a field
+        """(2,) outputs in force."""
+        ...
+
+    @property
+    def effectiveness(self) -> Pair:
+        """(2,) that drives are divided by."""
+        ...
+
+    @property
+    def reason(self) -> str:
+        """Why the target is not the reference."""
+        ...
+
+
+def change_events(old: Aims, new: Aims) -> tuple[Event, ...]:
+    """Events for the record: other pumps, or a target that is not the reference."""
+    events = []
+    if new.effectiveness != old.effectiveness:
+        e1, e2 = new.effectiveness
+        text = f"drives divided by effectiveness {e1:.3f}, {e2:.3f}"
+        events.append(Event(Severity.INFO, "reconfigured", text, {"effectiveness": [e1, e2]}))
+    if new.reason and new.reason != old.reason:
+        r1, r2 = new.target_V
+        text = f"reference can't be reached ({new.reason}): aiming at {r1:.4f}, {r2:.4f} V"
+        events.append(Event(Severity.WARNING, "target", text, {"target_V": [r1, r2], "reason": new.reason}))
+    return tuple(events)
 
 
 def known_effectiveness(followed: Followed, use_diagnosis: bool) -> Pair:

@@ -17,10 +17,11 @@ import control
 import numpy as np
 
 from hil.core import state_feedback
-from hil.core.control_law import Authority, LawInputs, LawRequest
+from hil.core.control_law import Authority, FeedbackRecord, LawInputs, LawRequest
 from hil.core.eigenstructure import DesignError, augment
 from hil.core.following import HEALTHY
 from hil.core.gain_design import Gains
+from hil.core.laws.law_plant import change_events
 from hil.core.reconfiguration import Reconfiguration
 from hil.core.state_feedback import StateFeedback
 from hil.core.tanks import LinearModel
@@ -85,14 +86,22 @@ class WeightedFeedback:
         self, memory: WeightedMemory, inputs: LawInputs, reference_V: Pair
     ) -> tuple[WeightedMemory, LawRequest]:
         """One step towards a reference (2,) that need not be that of the run."""
+        before = memory.law
         memory = self._changed(self._integrated(memory, inputs), inputs, reference_V)
-        if inputs.authority is not Authority.LAW:
+        if inputs.authority is Authority.OPERATOR:
             memory = taken_over(memory, inputs)
         law, (q1, q2) = memory.law, memory.integral_Vs
         effective = state_feedback.effective_voltage(law, memory.integral_Vs, inputs.level_cm)
         drive_V = state_feedback.pump_voltage(law, effective)
-        shown = {"integral_1_Vs": q1, "integral_2_Vs": q2}
-        return memory, LawRequest(drive_V, law.target_V, law.reason, law.problem, shown)
+        return memory, LawRequest(
+            drive_V=drive_V,
+            target_V=law.target_V,
+            reason=law.reason,
+            problem=law.problem,
+            shown={"integral_1_Vs": q1, "integral_2_Vs": q2},
+            events=change_events(before, law),
+            feedback=FeedbackRecord(law.operating_V, (q1, q2), law.pump_gain),
+        )
 
     def _law_for(self, inputs: LawInputs, reference_V: Pair) -> tuple[Pair, Pair, Pair | None, Waterways | None]:
         if not self.use_diagnosis:
@@ -106,8 +115,7 @@ class WeightedFeedback:
             return memory
         law, k = memory.law, self.reconfiguration.model.level_gain_V_cm
         error = (law.target_V[0] - k * inputs.level_cm[0], law.target_V[1] - k * inputs.level_cm[1])
-        (w1, w2), (v1, v2) = inputs.wanted_V, inputs.given_V
-        excess = (w1 - v1, w2 - v2)
+        excess = inputs.excess_V
         if law.standby_V != (None, None):
             effective = state_feedback.effective_voltage(law, memory.integral_Vs, inputs.level_cm)
             excess = state_feedback.undelivered(law, effective, excess)

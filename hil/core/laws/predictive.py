@@ -22,14 +22,19 @@ from scipy.linalg import expm
 
 from hil.core.control_law import Authority, LawInputs, LawRequest
 from hil.core.laws.disturbance_observer import Disturbed, begin, disturbed_rest, observe
-from hil.core.laws.law_plant import LawPlant, SteadyAim, known_effectiveness, pump_drives, steady_aim
+from hil.core.laws.law_plant import (
+    TAKEOVER_S,
+    LawPlant,
+    SteadyAim,
+    change_events,
+    known_effectiveness,
+    pump_drives,
+    steady_aim,
+)
 from hil.core.laws.quadratic_program import require_solver, solve_qp
 from hil.core.reconfiguration import MIN_LINEARISED_CM
 from hil.core.tanks import Array, linearise
 from hil.core.types import Pair, Quad
-
-TAKEOVER_S = 2.0
-"""Time constant with which the difference to an operator's drives fades."""
 
 MIN_LAG_S = 0.02
 """Shorter lags of the pumps are those of the model's."""
@@ -111,14 +116,14 @@ class PredictiveControl:
         effective_V = self._optimal(horizon, seen, aim, inputs.given_V, theta, move_weight)
         fading = exp(-inputs.period_s / TAKEOVER_S)
         offset = (memory.offset_V[0] * fading, memory.offset_V[1] * fading)
-        if inputs.authority is not Authority.LAW and inputs.given_V != (0.0, 0.0):
+        if inputs.authority is Authority.OPERATOR:
             (t1, t2), (v1, v2) = aim.effectiveness, inputs.given_V
             offset = (t1 * v1 - effective_V[0], t2 * v2 - effective_V[1])
         drive_V = pump_drives(aim, (effective_V[0] + offset[0], effective_V[1] + offset[1]))
         d1, d2, d3, d4 = seen.inflow_cm_s
         shown = {"inflow_1_cm_s": d1, "inflow_2_cm_s": d2, "inflow_3_cm_s": d3, "inflow_4_cm_s": d4}
-        memory = PredictiveMemory(seen, aim, (inputs.reference_V, theta), horizon, offset)
-        return memory, LawRequest(drive_V=drive_V, target_V=aim.target_V, reason=aim.reason, shown=shown)
+        request = LawRequest(drive_V, aim.target_V, aim.reason, shown=shown, events=change_events(memory.aim, aim))
+        return PredictiveMemory(seen, aim, (inputs.reference_V, theta), horizon, offset), request
 
     def horizon(self, level_cm: Quad) -> Horizon:
         """Predictions around a steady state, by the linear model there with the lag of the pumps."""
