@@ -199,6 +199,8 @@ def _start_problem(
     if loop.start is None or loop.t_s > start_phase.DOUBTED_UNTIL_S:
         return ""
     limits, trusted = config.limits, loop.diagnosis.trusted
+    if loop.is_starting and not (trusted[0] and trusted[1]):
+        return start_phase.lost_sensor(trusted)
     balanced = monitors.filling.balanced(limits.model)
     hidden = start_phase.hidden_level(monitors.doubts, loop.t_s, balanced, is_over=is_end)
     hidden = hidden or monitors.filling.problem(limits.model, loop.estimate.level_cm, trusted, limits.level_max_cm)

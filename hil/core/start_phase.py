@@ -220,6 +220,12 @@ def hidden_level(doubts: Doubts, t_s: float, balanced: tuple[bool, bool] = (Fals
     return ""
 
 
+def lost_sensor(trusted: tuple[bool, ...]) -> str:
+    """Why no tank is filled without its sensor. trusted : of each sensor, a lower one is not."""
+    lost = 1 if not trusted[0] else 2
+    return f"the sensor of tank {lost} is lost: how full a tank is that is being filled can't be left to the model"
+
+
 def begins(phase: StartPhase, reference_V: Pair) -> Event:
     """The event at the beginning of the phase."""
     (y1, y2), (r1, r2) = phase.from_V, reference_V

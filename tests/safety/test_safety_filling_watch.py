@@ -115,15 +115,43 @@ def test_a_healthy_rig_of_the_first_day_fills_without_a_problem(seed: int) -> No
     assert started(model, scale).text == ""
 
 
-@pytest.mark.parametrize("outlets", [(1.1, 1.1, 0.9, 0.9), (0.9, 0.9, 1.1, 1.1), (1.1, 0.9, 1.1, 0.9)])
-@pytest.mark.parametrize("split", [0.95, 1.05])
-def test_nor_does_one_at_the_corners(outlets: Quad, split: float) -> None:
+LARGE, SMALL, MIXED = (1.1, 1.1, 0.9, 0.9), (0.9, 0.9, 1.1, 1.1), (1.1, 0.9, 1.1, 0.9)
+
+
+def corner(outlets: Quad, split: float) -> Start:
     model = replace(
         BENCH,
         outlet_cm2=quad(a * k for a, k in zip(BENCH.outlet_cm2, outlets, strict=True)),
         valve_split=(0.7 * split, 0.6 * split),
     )
-    assert started(model, (0.98, 0.98, 1.02, 1.02)).text == ""
+    return started(model, (0.98, 0.98, 1.02, 1.02))
+
+
+@pytest.mark.parametrize("outlets", [LARGE, SMALL, MIXED])
+@pytest.mark.parametrize("split", [0.95, 1.0, 1.05])
+def test_nor_does_one_at_the_corners(outlets: Quad, split: float) -> None:
+    assert (outlets, split) == (LARGE, 0.95) or corner(outlets, split).text == ""
+
+
+def test_the_price_of_seeing_early_drifts_is_one_corner() -> None:
+    """A drift from the first seconds on was learned as the valve's share there, and hid until the tank was full.
+
+    So this corner, which passed then, looks like such a drift.
+    """
+    text = corner(LARGE, 0.95).text
+    assert "tank 1 gets" in text
+    assert "a valve's split is more than 10 % off" in text
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_drift_from_the_first_seconds_on_is_seen_before_the_tank_is_full(seed: int) -> None:
+    """One in five drifts of 20 to 50 mV/s on such rigs filled the tank: they were learned as the valve's share."""
+    model, scale = drawn(seed)
+    draw = random.Random(9000 + seed)  # noqa: S311
+    tank, rate_cm_s, from_s = seed % 2, 2.0 * draw.choice([0.02, 0.025, 0.03, 0.04, 0.05]), draw.uniform(0.0, 15.0)
+    start = started(model, scale, drift(tank, rate_cm_s, from_s))
+    assert start.text != ""
+    assert start.level_cm[tank] < 18.5
 
 
 @pytest.mark.parametrize("seed", range(24))
@@ -198,7 +226,7 @@ def test_a_rise_counts_where_the_level_behind_it_is_too_high() -> None:
     text = watch.problem(BENCH, (5.0, limit_cm + 0.01, 1.0, 1.0), ALL, MAX_CM)
     assert text == (
         "tank 2 gets 1.15 times the water that its outlet lets out at the level shown (14.38 cm): it leaks, or it is "
-        "fuller than its sensor shows"
+        "fuller than its sensor shows, or a valve's split is more than 10 % off the rig file"
     )
     deep = replace(BENCH, datum_cm=(0.0, 10.0, 0.0, 0.0))
     assert watch.problem(deep, (5.0, (MAX_CM + 10.0) / 1.15**2 - 10.01, 1.0, 1.0), ALL, MAX_CM) == ""
@@ -228,7 +256,7 @@ def test_water_is_balanced_if_the_ratio_is_known_small_and_has_not_risen(
 def test_the_share_is_kept_within_what_a_healthy_rig_may_have() -> None:
     low, high = SHARE_RANGE
     assert Filling(direct_cm3=100.0, needed_cm3=50.0).share(28.0) == low
-    assert Filling(direct_cm3=100.0, needed_cm3=150.0).share(28.0) == high
+    assert Filling(direct_cm3=100.0, needed_cm3=190.0).share(28.0) == high
     assert Filling(direct_cm3=100.0, needed_cm3=110.0).share(28.0) == pytest.approx(1.1)
     assert Filling(direct_cm3=LEARN_FROM_CM * 28.0 - 0.1, needed_cm3=28.0).share(28.0) == 1.0
 
