@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import contextlib
+import gc
 import importlib
 import os
 import shutil
@@ -11,7 +12,7 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache
@@ -30,7 +31,7 @@ MAX_TEST_CPU_S, MAX_TEST_S, MAX_MUTANT_S = 90.0, 300.0, 1800.0
 
 OPTIONS = (
     "-x", "-q", "--tb=no", "--assert=plain", "--capture=no", "--no-header", "-W", "ignore",
-    *("-p", "no:cacheprovider"), *("-p", "no:xdist"), *("-p", "no:cov"),
+    *("-p", "no:cacheprovider"), *("-p", "no:xdist"), *("-p", "no:cov"), *("-p", "no:unraisableexception"),
     *("-m", "not live and not long and not socketcan"),
 )  # fmt: skip
 POLL_S = 0.005
@@ -92,6 +93,8 @@ def run_all(
 ) -> list[Judgement]:
     """The judgement on each mutant, `jobs` at a time, in the order given. on_survivor : is called for each at once."""
     _preload({(target.root, test.partition("::")[0]) for target, _ in work for test in target.tests})
+    gc.collect()
+    gc.freeze()  # a fork that searches all that was imported for garbage takes twice as long
     judgements = [Judgement(Fate.SURVIVED)] * len(work)
     running: list[_Fork] = []
     waiting = list(range(len(work) - 1, -1, -1))
@@ -146,12 +149,30 @@ def _judge(target: Target, mutant: Mutant, pipe: int) -> None:
             _use_compiler_cache(cache)
         _forget(target)
         sys.meta_path.insert(0, _Changed(target, mutant.code))
-        files = [str(target.root / test) for test in target.tests]
-        code = int(pytest.main([*OPTIONS, "-c", str(target.root / "pyproject.toml"), *files], [_Watcher(pipe)]))
+        for tests in _in_turn(target.tests):
+            files = [str(target.root / test) for test in tests]
+            code = int(pytest.main([*OPTIONS, "-c", str(target.root / "pyproject.toml"), *files], [_Watcher(pipe)]))
+            if code not in (0, pytest.ExitCode.NO_TESTS_COLLECTED):
+                break
+            code = 0
     finally:
         if cache:
             shutil.rmtree(cache, ignore_errors=True)
         os._exit(0 if code == 0 else 1)
+
+
+def _in_turn(tests: Sequence[str]) -> Iterator[Sequence[str]]:
+    """The first file, then two, four ...: most mutants fail in the first, and need not wait until all are imported.
+
+    Tests named one by one stay together.
+    """
+    if any("::" in test for test in tests):
+        yield tests
+        return
+    start, size = 0, 1
+    while start < len(tests):
+        yield tests[start : start + size]
+        start, size = start + size, 2 * size
 
 
 def _use_compiler_cache(folder: str) -> None:
