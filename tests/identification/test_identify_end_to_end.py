@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from tests.cli.cli_bench import ROOT, run_script
+from tests.live.live_bench import emulator, hil, row
 
 pytestmark = pytest.mark.long
 
@@ -36,6 +37,17 @@ def simulated(scenario: Path, out: Path, *more: str | Path) -> dict[str, Any]:
 def worst_size(found: dict[str, Any]) -> float:
     """Largest error of the effectiveness that the alarms name."""
     return max(abs(float(alarm["size"]) - FLOW_LEFT) for alarm in found["alarms"])
+
+
+@pytest.mark.live
+def test_the_doctor_finds_the_rig_of_the_page_fit_for_an_experiment(tmp_path: Path) -> None:
+    """The first of the three commands: on a bus, in real time, with empty tanks."""
+    with emulator(tmp_path / "changes.jsonl", scenario=first_day(tmp_path)) as node:
+        done = hil("doctor", "-i", "slcan", "-c", node.channel, "--seconds", "2")
+        assert done.returncode == 0, done.stdout + done.stderr
+        for check in ("bus opens", "pump node contract", *(f"sensor {tank} range" for tank in (1, 2, 3, 4))):
+            assert " pass " in row(done.stdout, check), done.stdout
+        assert not node.has_ever_applied()
 
 
 def test_an_identified_rig_runs_the_paper_s_experiment_as_the_default_rig_does(tmp_path: Path) -> None:

@@ -42,7 +42,7 @@ def identify(
         ),
     ] = None,
     ruler: Annotated[
-        bool, typer.Option("--ruler", help="Ask for levels read by a ruler, when they stand still.")
+        bool, typer.Option("--ruler", help="Ask for levels read by a ruler, six times, when they stand still.")
     ] = False,
     ruler_file: Annotated[
         Optional[Path],
