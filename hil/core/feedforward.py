@@ -98,6 +98,11 @@ class PathLimits:
         (t1, t2), ((a1, b1), (a2, b2)), (r1, r2) = effectiveness, self.drives_V, self.rate_V_s
         return replace(self, drives_V=((t1 * a1, t1 * b1), (t2 * a2, t2 * b2)), rate_V_s=(t1 * r1, t2 * r2))
 
+    def without(self, feedback_V: Pair) -> PathLimits:
+        """What is left to the path of the drives' ranges, while feedback adds feedback_V (2,), effective."""
+        (f1, f2), ((a1, b1), (a2, b2)) = feedback_V, self.drives_V
+        return replace(self, drives_V=((a1 - f1, b1 - f1), (a2 - f2, b2 - f2)))
+
 
 @dataclass(frozen=True, slots=True)
 class Target:

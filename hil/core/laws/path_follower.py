@@ -4,6 +4,7 @@ the reference changes      the path goes on from where it is, to the new target
 a pump's effectiveness     the path goes on, within what is left of the pumps
 tanks as found             the path keeps its lower levels; upper levels and drives move by as much as those that hold
                            the target
+what feedback adds         is left to it of the pumps' ranges: on a rig weaker than its file the path is slower
 MANUAL                     the path is where the rig is: lower levels as estimated, drives such that feedback and path
                            together give what the operator set. So the return is without a jump
 """
@@ -73,8 +74,8 @@ class PathFollower:
         periods = round(inputs.period_s / limits.period_s)
         if inputs.authority is Authority.LAW or inputs.period_s <= 0.0:
             k, (rate1, rate2) = model.level_gain_V_cm, inputs.references.rate(inputs.t_s)
-            estimate_cm = inputs.estimate.level_cm
-            path = feedforward.advance(model, limits, path, target, estimate_cm, (rate1 / k, rate2 / k), periods)
+            estimate_cm, left = inputs.estimate.level_cm, limits.without(feedback_V)
+            path = feedforward.advance(model, left, path, target, estimate_cm, (rate1 / k, rate2 / k), periods)
         else:
             path = self._taken_along(path, model, limits, base, inputs, feedback_V)
         return PathState(path, target, target_V, model, limits, found)
