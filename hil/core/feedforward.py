@@ -285,10 +285,12 @@ def _upper_bounds(model: TankModel, limits: PathLimits, path: FeedforwardPath, t
         most_out = max((out_below - own_effect * (low + margin)) / arriving, 0.0)
         least_out = max((out_below - own_effect * (high - margin)) / arriving, 0.0)
         highest = min(highest, max((most_out / per_root) ** 2 - datum, rest))
-        lowest = min(max((least_out / per_root) ** 2 - datum, 0.0), rest)
+        if target.drive_V[below] < high - margin:  # a pump that is dead or too weak can't hold its output anyway
+            lowest = min(max((least_out / per_root) ** 2 - datum, 0.0), rest)
     out = per_root * sqrt(max(level + datum, 0.0))
     ceiling = (out + area * (highest - level) / BARRIER_S) / per_drive
     floor = (out + area * (lowest - level) / BARRIER_S) / per_drive
+    floor = min(floor, target.drive_V[pump])  # the tank above never has this pump give more than at rest
     return floor, max(ceiling, floor)
 
 

@@ -34,6 +34,11 @@ class StateFeedback:
     standby_V: tuple[float | None, float | None] = (None, None)
     problem: str = ""
 
+    @property
+    def is_dead(self) -> tuple[bool, bool]:
+        """Whether pump 1, pump 2 is dead."""
+        return self.standby_V[0] is not None, self.standby_V[1] is not None
+
     @cached_property
     def pump_gain(self) -> tuple[float, ...]:
         """(12,) the gain in force on the pumps, by rows: levels, then integrals, divided by effectiveness."""

@@ -116,3 +116,14 @@ def test_a_path_follows_the_true_output_but_not_a_stuck_sensor() -> None:
 
     assert duration(None, 1.1) < duration(None, 1.0)
     assert duration(start.level_cm) <= 1.35 * duration(None, 1.0)
+
+
+def test_a_dead_pump_does_not_drive_the_other_output_beyond_its_target() -> None:
+    """Pump 1 used to fill the tank above the dead pump's output at full voltage: output 1 rose until it tripped."""
+    limits = replace(LIMITS, drives_V=((0.0, 10.0), (0.0, 0.0)))
+    target = target_of(MODEL, (3.6, 0.0))
+    path, highest_cm = at_rest(target_of(MODEL, START_V), limits), 0.0
+    for _ in range(1200):
+        path = advance(MODEL, limits, path, target, None)
+        highest_cm = max(highest_cm, path.level_cm[0])
+    assert highest_cm < max(target.level_cm[0], equilibrium(MODEL, START_V)[0]) + 0.05

@@ -74,7 +74,8 @@ class PathFollower:
         periods = round(inputs.period_s / limits.period_s)
         if inputs.authority is Authority.LAW or inputs.period_s <= 0.0:
             k, (rate1, rate2) = model.level_gain_V_cm, inputs.references.rate(inputs.t_s)
-            estimate_cm, left = inputs.estimate.level_cm, limits.without(feedback_V)
+            f1, f2 = (0.0 if dead else added for added, dead in zip(feedback_V, base.is_dead, strict=True))
+            estimate_cm, left = inputs.estimate.level_cm, limits.without((f1, f2))
             path = feedforward.advance(model, left, path, target, estimate_cm, (rate1 / k, rate2 / k), periods)
         else:
             path = self._taken_along(path, model, limits, base, inputs, feedback_V)
