@@ -27,6 +27,10 @@ Found = tuple[Pair, Pair | None, Waterways | None]
 NEAR_CM = 0.5
 """A run that begins with its lower levels so close to the reference begins with a path at rest there."""
 
+NEAR_COUPLED_CM = 2.0
+"""The same where the outputs can't be moved each by its own pump: what the model does not know of the rig moves the
+levels by more there, and feedback on the whole deviation learns it sooner than feedback on that from a path."""
+
 
 @dataclass(frozen=True, slots=True)
 class PathState:
@@ -50,8 +54,9 @@ class PathFollower:
     def begin(self, base: StateFeedback, inputs: LawInputs) -> PathState:
         """At rest at the target; from the levels found if they are far from it."""
         rest = self.at_rest(base, inputs)
+        near_cm = NEAR_CM if rest.target.gain is None else NEAR_COUPLED_CM
         is_near = all(
-            abs(h - wanted) <= NEAR_CM for h, wanted in zip(inputs.level_cm[:2], rest.target.level_cm[:2], strict=True)
+            abs(h - wanted) <= near_cm for h, wanted in zip(inputs.level_cm[:2], rest.target.level_cm[:2], strict=True)
         )
         if is_near:
             return rest
