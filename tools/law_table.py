@@ -25,9 +25,12 @@ from hil.bench.comparator_laws import (
     make_predictive,
 )
 from hil.core.control_law import ControlLaw
+from hil.core.feedforward import PathLimits
 from hil.core.gain_design import choose_rig_design
 from hil.core.laws.law_plant import LawPlant
 from hil.core.laws.linear_quadratic import WeightedFeedback
+from hil.core.laws.path_follower import PathFollower
+from hil.core.laws.state_feedback_law import StateFeedbackLaw
 from hil.core.reconfiguration import Reconfiguration
 from hil.core.tanks import equilibrium, holding_voltages, linearise
 from tools.law_trial import Course, Trial, drawn, run
@@ -45,7 +48,24 @@ def rig_design(plant: LawPlant) -> ControlLaw:
     return WeightedFeedback(reconfiguration, plant.period_s, ANTI_WINDUP_S, 0.0)
 
 
+def state_feedback(plant: LawPlant) -> ControlLaw:
+    """The project's state feedback with the rig design and its feedforward."""
+    at = linearise(plant.model, equilibrium(plant.model, plant.operating_V))
+    design = choose_rig_design(at, POLES, NOISE_GAIN_MAX)
+    reconfiguration = Reconfiguration(plant.model, design, plant.limit_V, plant.operating_V)
+    (low1, low2), (high1, high2) = (0.0, 0.0), plant.limit_V
+    limits = PathLimits(
+        drives_V=((low1, high1), (low2, high2)),
+        rate_V_s=(plant.rate_V_s, plant.rate_V_s),
+        lag_s=plant.lag_s,
+        level_max_cm=19.0,
+        period_s=plant.period_s,
+    )
+    return StateFeedbackLaw(reconfiguration, plant.period_s, ANTI_WINDUP_S, PathFollower(reconfiguration, limits))
+
+
 ROWS: dict[str, Callable[[LawPlant], ControlLaw]] = {
+    "state_feedback": state_feedback,
     "rig_design_without_feedforward": rig_design,
     "pi_johansson": lambda plant: make_pi(plant, PiOptions(settings="johansson")),
     "pi": lambda plant: make_pi(plant, PiOptions()),
@@ -111,7 +131,7 @@ def main(arguments: list[str]) -> None:
     """Print the rows."""
     phase, names = (arguments[0], arguments[1:]) if arguments else ("minus", [])
     for name in names or ROWS:
-        if phase == "plus" and name in ("rig_design_without_feedforward", "feedback_linearisation"):
+        if phase == "plus" and name in ("state_feedback", "rig_design_without_feedforward", "feedback_linearisation"):
             continue
         print(row(name, phase), flush=True)
 
