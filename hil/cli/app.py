@@ -24,6 +24,7 @@ from hil.cli.commands import (
     report,
     run,
     simulate,
+    tune,
     view,
 )
 from hil.cli.complaint import complain
@@ -41,6 +42,7 @@ COMMANDS: tuple[ModuleType, ...] = (
     benchmark,
     demo,
     design,
+    tune,
     view,
     report,
 )

@@ -3,7 +3,7 @@
     0    done
     2    bad input, or a record that can't be begun; nothing moved
     3    tripped; campaign: a run broke an invariant
-    4    not ready, or failed; identify: nothing identified, or with --write: the rig file was not replaced
+    4    not ready, or failed; identify: nothing identified, or with --write: the rig file was not replaced (tune, too)
     5    done, but a file of the record or standard output can't be written completely; the line says which
          identify --check: a parameter has moved from the rig file by more than the limit
     129, 130, 143  stopped by SIGHUP, SIGINT, SIGTERM

@@ -110,7 +110,7 @@ def test_the_public_benchmark_can_be_read_and_its_seeds_are_nobody_elses() -> No
     spec, files = load_benchmark_spec(CONFIG / "benchmarks" / "fault_tolerant_four_tank.toml")
     assert spec.benchmark.first_seed > 50_000
     assert all(file.is_file() for file in files)
-    assert {"rig design", "rig design, gains kept"} <= {law.label for law in spec.law}
+    assert {"rig design", "PI", "LQR", "MPC"} <= {law.label for law in spec.law}
 
 
 WINDOWS = {"window": [{"name": "step", "from_s": 0.0, "to_s": 10.0}]}
