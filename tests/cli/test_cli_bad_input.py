@@ -128,7 +128,7 @@ BAD_SCENARIOS = {
         "control.output_poles[3] = 0.01",
     ),
     "noise bound that can't be met": ("[rig]\ncontrol.noise_gain_max = 1e-9", "rig.toml", "noise gain 1e-09"),
-    "valves that can't be decoupled": ("[rig]\npumps.valve_split = [0.3, 0.3]", "rig.toml", "gamma1 + gamma2 < 1"),
+    "valves that can't be decoupled": ("[rig]\npumps.valve_split = [0.5, 0.49]", "rig.toml", "too near to 1"),
     "trip level over the rim": ("[rig]\nsafety.level_max_cm = 25.0", "safety.level_max_cm 25", "tanks.height_cm 20"),
     "not TOML": ("hello [scenario] world", "is not TOML", "line 1"),
 }

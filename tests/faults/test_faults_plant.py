@@ -82,11 +82,20 @@ def test_case_44_valve_split_drifts(pump: int, by: float) -> None:
 
 
 @pytest.mark.parametrize("pump", first(1, 1, 2))
-def test_case_44_valve_beyond_a_sum_of_one_stops(pump: int) -> None:
-    """The law of the rig file's splits is unstable then, and no other one holds the outputs: it ran into a trip."""
+def test_case_44_valve_beyond_a_sum_of_one_ends_in_an_orderly_way(pump: int) -> None:
+    """The law of the rig file's splits is unstable then: it ran into a trip.
+
+    Pump 1 leaves a sum of 0.85: the law of the other phase goes on, and says what it aims at. Pump 2 leaves 0.95, too
+    near to 1 for any law.
+    """
     run = play(watched(fault("valve_split", AT_S, pump, 0.25), duration_s=60.0))
     assert run.names == [f"valve_split {pump}"], run.told
-    assert (run.outcome.status, run.outcome.reason) == ("stopped", "no_stable_law"), run.told
+    assert run.trips == [], run.told
+    if pump == 1:
+        assert run.outcome.status == "complete", run.told
+        assert run.times("target")[0] <= AT_S + 5.0
+    else:
+        assert (run.outcome.status, run.outcome.reason) == ("stopped", "no_stable_law"), run.told
     assert max(max(truth.levels_cm) for truth in run.keeper.truths) < 16.0
 
 

@@ -82,12 +82,12 @@ def test_case_43_reservoir_low() -> None:
 
 @pytest.mark.parametrize("tank", [1, 2])
 def test_case_43_reservoir_low_while_a_pump_stands_still(tank: int) -> None:
-    """The pump of a blocked tank stands still and shows no lack of water; the other one's is enough.
+    """The pump of a blocked tank hardly turns and shows no lack of water; the other one's is enough.
 
     With a larger blockage the law aims at levels that both pumps hardly need to run for.
     """
     run = play(watched(fault("outlet_block", 10.0, tank, 0.5), fault("reservoir_low", AT_S)))
-    assert run.at(AT_S - T_S).applied_V[tank - 1] == 0.0
+    assert run.at(AT_S - T_S).applied_V[tank - 1] < DRY_V
     assert_tripped(run, AT_S, 2.0, "dry_run")
 
 

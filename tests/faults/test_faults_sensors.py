@@ -219,10 +219,12 @@ def test_case_37_a_tank_without_sensor_whose_pump_then_runs_on(sensor: int, pump
     assert_tripped(run, AT_S + 3.0, 5.0, "sensors_lost", "pump_stuck_on", "high_level")
 
 
-@pytest.mark.parametrize("sensor", SENSORS)
-def test_noise_takes_back_what_its_first_readings_led_to(sensor: int) -> None:
+@pytest.mark.parametrize(
+    ("sensor", "seed", "after_s"), [(1, 8, 0.575), (2, 3, 0.585), (3, 3, 0.585), (4, 3, 0.585)]
+)  # a noise that begins with a large reading
+def test_noise_takes_back_what_its_first_readings_led_to(sensor: int, seed: int, after_s: float) -> None:
     """One noisy reading at the end of a period looks like a bias; once the noise is plain nothing else is left."""
-    run = play(watched(fault("sensor_noise", AT_S + 0.585, sensor, 0.1)), seed=3)
+    run = play(watched(fault("sensor_noise", AT_S + after_s, sensor, 0.1)), seed=seed)
     assert_no_trip(run)
     (found,) = run.findings
     assert (found.kind, found.target, found.flips) == ("sensor_noise", sensor, 1), run.told

@@ -22,7 +22,7 @@ def tune(
         typer.Option(
             "--scenario",
             metavar="SCENARIO",
-            help="With windows rest, step and loss; its [control] names the law and its options. Default: tuning.",
+            help="With windows rest, step and loss; its table control names the law and its options. Default: tuning.",
         ),
     ] = None,
     candidates: Annotated[int, typer.Option(min=1, max=200, help="Candidates besides the present options.")] = 9,
