@@ -28,7 +28,7 @@ RULER_SHARES = (0.86, 0.82, 0.85, 0.81, 0.84, 0.8)
 """Shares of `safety.level_max_cm` at which levels are read: the higher, the less a millimetre counts.
 
 Each reading is at another height, so that it is a new one, and the steps between them are small, so that the levels
-soon stand still. How many are needed: docs/decisions/0043-levels-by-a-ruler.md.
+soon stand still. How many are needed: docs/decisions/0041-levels-by-a-ruler.md.
 """
 
 RULER_TOP_SHARE = 0.92
