@@ -231,7 +231,7 @@ def test_no_file_may_grow_beyond_a_limit(tmp_path: Path) -> None:
     scenario = tmp_path / "long.toml"
     scenario.write_text(scenario_text(duration="60.0", more=""))
     folder = tmp_path / "run"
-    command = f"ulimit -f 200; exec {BIN / 'hil'} simulate {scenario} --out {folder}"
+    command = f"ulimit -f 250; exec {BIN / 'hil'} simulate {scenario} --out {folder}"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False, timeout=60.0)
     assert done.returncode == INCOMPLETE, done
     assert re.fullmatch(rf"hil: {folder}[^\n]+ File too large[^\n]+\n", done.stderr), done.stderr
