@@ -58,7 +58,7 @@ unit: $(READY)   ## the test suite: on all cores, then live runs beside each oth
 test-socketcan: $(READY)  ## the tests on the kernel's CAN buses, in a guest where this kernel has none
 	@$(BIN)/python -m tools.guest test
 
-test-long: $(READY)  ## simulated hours, hundreds of pairs of faults, mutants: ten minutes on two cores
+test-long: $(READY)  ## simulated hours, hundreds of pairs of faults, mutants: a quarter of an hour on two cores
 	$(BIN)/python -m pytest -n $(CORES) --dist worksteal -m long
 	$(MAKE) --no-print-directory mutants
 
