@@ -1,0 +1,101 @@
+"""The panel on a run that is none: what it shows, and what a session by keyboard alone sends."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from textual.pilot import Pilot
+from textual.widgets import Input, Static
+
+from hil.panel.panel_app import PanelApp
+from tests.panel.fake_run import ALARM, FakeRun, fake_run
+
+
+@asynccontextmanager
+async def panel(folder: Path, size: tuple[int, int] = (80, 24)) -> AsyncIterator[tuple[FakeRun, Pilot[None]]]:
+    """A panel beside a fake run."""
+    async with fake_run(folder) as run:
+        app = PanelApp(lambda: run.path)
+        async with app.run_test(size=size) as pilot:
+            await until(pilot, lambda: app.connection.is_open)
+            yield run, pilot
+
+
+async def until(pilot: Pilot[None], holds: Callable[[], bool], timeout_s: float = 10.0) -> None:
+    """Let the panel work until a condition holds."""
+    async with asyncio.timeout(timeout_s):
+        while not holds():
+            await pilot.pause(0.005)
+    await pilot.pause()
+
+
+def shown(pilot: Pilot[None], name: str) -> str:
+    """The text of a line of the panel."""
+    return str(pilot.app.screen_stack[0].query_one(f"#{name}", Static).render())
+
+
+async def type_into(pilot: Pilot[None], *texts: str) -> None:
+    """Fill the fields of a dialog by keys, with Enter after each."""
+    for text in texts:
+        await pilot.press("end", "ctrl+u", *(".".join(text.split(",")).replace("-", "")), "enter")
+
+
+def test_a_session_by_keyboard_alone(tmp_path: Path) -> None:
+    async def session() -> None:
+        async with panel(tmp_path) as (run, pilot):
+            run.send_state(alarms=[ALARM])
+            await until(pilot, lambda: "RUNNING" in shown(pilot, "status"))
+            assert "123.4 s of 500 s" in shown(pilot, "status")
+
+            await pilot.press("r")  # outside the limits: refused in the dialog, nothing is sent
+            await type_into(pilot, "25", "12", "20")
+            assert "reference 1 25: must be 0 to 19 cm" in str(
+                pilot.app.screen.query_one("#complaint", Static).render()
+            )
+            assert run.requests == []
+            for _ in range(2):
+                await pilot.press("shift+tab")
+            pilot.app.screen.query(Input).first().focus()
+            await type_into(pilot, "6.5V", "", "20")
+            await pilot.press("y")
+            await until(pilot, lambda: len(run.requests) == 1)
+            assert run.requests[-1] == {"do": "reference", "levels_cm": [13.0, None], "ramp_s": 20.0}
+            await until(pilot, lambda: "accepted" in shown(pilot, "message"))
+
+            await pilot.press("m")
+            await type_into(pilot, "3.5", "")
+            await pilot.press("n")  # not confirmed: nothing is sent
+            await pilot.press("m")
+            await type_into(pilot, "3.5", "")
+            await pilot.press("y")
+            await until(pilot, lambda: len(run.requests) == 2)
+            assert run.requests[-1] == {"do": "manual", "voltage_V": [3.5, None]}
+
+            await pilot.press("k")
+            await until(pilot, lambda: len(run.requests) == 3)
+            assert run.requests[-1] == {"do": "ack", "alarm": "alarm:2"}
+
+            await pilot.press("n", "x")  # the stop key works in a dialog, while text is typed
+            await pilot.press("ctrl+x")
+            await until(pilot, lambda: len(run.requests) == 4)
+            assert run.requests[-1] == {"do": "stop"}
+            assert "STOP accepted" in shown(pilot, "message")
+
+    asyncio.run(session())
+
+
+def test_a_lost_connection_is_said_and_made_again(tmp_path: Path) -> None:
+    async def session() -> None:
+        async with panel(tmp_path) as (run, pilot):
+            run.send_state()
+            await until(pilot, lambda: "live" in shown(pilot, "status"))
+            run.cut_off()
+            await until(pilot, lambda: "CONNECTION LOST" in shown(pilot, "status"))
+            assert pilot.app.screen.has_class("-old")
+            await until(pilot, lambda: "live" in shown(pilot, "status"))
+            assert not pilot.app.screen.has_class("-old")
+
+    asyncio.run(session())
