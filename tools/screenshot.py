@@ -1,10 +1,12 @@
-"""A picture of a run's recording without a screen: `python tools/screenshot.py FOLDER OUT.png`.
+"""A picture of a run's recording without a screen: `python -m tools.screenshot FOLDER OUT.png`.
 
 Starts Rerun's viewer on no screen, asks it what it shows until the recording is there, and has it save a picture. Needs
 a Vulkan driver; one in software will do (Debian: `apt-get install mesa-vulkan-drivers`). README's picture is made by
 
     hil simulate paper_glr --out runs/first --seed 7
-    python tools/screenshot.py runs/first docs/images/overview.png --at 230
+    python -m tools.screenshot runs/first docs/images/overview.png --at 230
+
+and the other tabs' by --tab.
 """
 
 from __future__ import annotations
@@ -17,22 +19,31 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from PIL import Image
 from rerun.experimental import ViewerClient
+
+from hil.edge.record.rerun_log import APPLICATION
+from hil.edge.record.run_folder import RunFolder
+from hil.review.blueprint import blueprint
 
 SIZE = "1600x1000"
 MENU_PX = 36
 SETTLE_S = 12.0  # until the viewer's messages at its start have disappeared
 
 
-def screenshot(recording: Path, picture: Path, *, size: str = SIZE, at_s: float | None = None) -> None:
-    """Save a picture of the recording as it opens. at_s : position of the time cursor; None: the start.
+def screenshot(
+    recording: Path, picture: Path, *, size: str = SIZE, at_s: float | None = None, layout: Path | None = None
+) -> None:
+    """Save a picture of the recording as it opens.
 
+    at_s : position of the time cursor; None: the start. layout : an .rbl file; None: the recording's own.
     Raises RuntimeError when the viewer does not come up or saves no picture.
     """
     port = _free_port()
-    command = [sys.executable, "-m", "rerun_cli", str(recording), "--headless", "--renderer", "vulkan"]
+    files = [str(recording)] if layout is None else [str(recording), str(layout)]
+    command = [sys.executable, "-m", "rerun_cli", *files, "--headless", "--renderer", "vulkan"]
     command += ["--bind", "127.0.0.1", "--port", str(port), "--window-size", size]
     picture.unlink(missing_ok=True)
     viewer = subprocess.Popen(
@@ -51,6 +62,16 @@ def screenshot(recording: Path, picture: Path, *, size: str = SIZE, at_s: float 
         if viewer.poll() is None:
             os.killpg(viewer.pid, signal.SIGTERM)  # the process group that was started above: launcher and viewer
         viewer.communicate()
+
+
+def _layout(folder: Path, tab: str, made: Path) -> Path:
+    """The layout of the run with that tab open, as a file in the folder `made`."""
+    path = made / "layout.rbl"
+    plan = RunFolder.open(folder).manifest().plan
+    duration_s = plan.settings["scenario"]["scenario"]["duration_s"]
+    layout = blueprint(plan.mode, duration_s, plan.shown, has_picture=True, tab=tab)
+    layout.save(APPLICATION, str(path))
+    return path
 
 
 def _without_menu(picture: Path) -> None:
@@ -89,13 +110,16 @@ def main() -> int:
     parser.add_argument("picture", type=Path, help="the PNG to write")
     parser.add_argument("--size", default=SIZE, help="in pixels (default: %(default)s)")
     parser.add_argument("--at", type=float, metavar="SECONDS", help="run time at the cursor (default: the start)")
+    parser.add_argument("--tab", metavar="NAME", help="tab that is open, of a run folder (default: the first)")
     options = parser.parse_args()
     recording = options.folder / "run.rrd" if options.folder.is_dir() else options.folder
     if not recording.is_file():
         print(f"there is no recording at {recording}", file=sys.stderr)
         return 1
     try:
-        screenshot(recording, options.picture, size=options.size, at_s=options.at)
+        with TemporaryDirectory() as made:
+            layout = _layout(options.folder, options.tab, Path(made)) if options.tab else None
+            screenshot(recording, options.picture, size=options.size, at_s=options.at, layout=layout)
     except RuntimeError as error:
         print(error, file=sys.stderr)
         return 1

@@ -20,6 +20,7 @@ from hil.bench.assembly import safety_limits
 from hil.bench.experiment_folder import ExperimentFolder
 from hil.bench.open_record import TimelineSettings, open_record
 from hil.bench.ruler import Ruler, RulerWatch
+from hil.bench.run_options import timeline_of
 from hil.bench.run_record import RunRecord, figures_of, removed_if_not_opened
 from hil.core.controller import Output
 from hil.core.experiment import Phase
@@ -179,7 +180,7 @@ def phase_plan(bench: ExperimentBench, phase: Phase, stage: Stage) -> RunPlan:
 
 
 def _timeline(bench: ExperimentBench, phase: Phase, options: ExperimentOptions) -> TimelineSettings | None:
-    return TimelineSettings(bench.rig.tank_model.level_gain_V_cm, phase.max_s) if options.rerun else None
+    return timeline_of(bench.rig, phase.max_s) if options.rerun else None
 
 
 class EmulatedStage:

@@ -10,6 +10,7 @@ from queue import SimpleQueue
 
 from hil.core.types import Event
 from hil.edge.host.standard_output import GuardedOutput
+from hil.edge.record.picture_model import PictureModel
 from hil.edge.record.recorder import Recorder
 from hil.edge.record.run_folder import RunFolder, RunFolderError
 
@@ -19,10 +20,11 @@ MAX_WAITING_LINES = 1000
 
 @dataclass(frozen=True, slots=True)
 class TimelineSettings:
-    """What the recording for the Rerun viewer has to know of the bench."""
+    """What the recording for the Rerun viewer has to know of the bench. picture : None: without one."""
 
     level_gain_V_cm: float
     duration_s: float
+    picture: PictureModel | None = None
 
 
 class EventLines:
@@ -68,9 +70,12 @@ def open_record(folder: RunFolder, timeline: TimelineSettings | None, with_lines
             level_gain_V_cm=timeline.level_gain_V_cm,
             mode=mode,
             shown=manifest.plan.shown,
-            blueprint=blueprint(mode, timeline.duration_s, manifest.plan.shown),
+            blueprint=blueprint(
+                mode, timeline.duration_s, manifest.plan.shown, has_picture=timeline.picture is not None
+            ),
             batch_ticks=6000 if is_live else 250,
             compact_at_close=is_live,
+            picture=timeline.picture,
         )
     except Exception as error:  # whatever the viewer's library raises for a file that it can't write
         cause = (isinstance(error, OSError) and error.strerror) or error

@@ -9,7 +9,9 @@ from pathlib import Path
 from hil.bench.assembly import Bench
 from hil.bench.open_record import TimelineSettings
 from hil.core.controller import ControllerConfig
+from hil.edge.config.rig_file import Rig
 from hil.edge.host.realtime import RealTime
+from hil.edge.record.picture_model import PictureModel
 
 
 @dataclass(frozen=True)
@@ -34,4 +36,10 @@ def default_folder(name: str, now: datetime) -> Path:
 
 def timeline_settings(bench: Bench, config: ControllerConfig, options: RunOptions) -> TimelineSettings | None:
     """What run.rrd needs, if it is wanted."""
-    return TimelineSettings(bench.rig.tank_model.level_gain_V_cm, config.duration_s) if options.rerun else None
+    return timeline_of(bench.rig, config.duration_s) if options.rerun else None
+
+
+def timeline_of(rig: Rig, duration_s: float) -> TimelineSettings:
+    """What run.rrd needs of a rig."""
+    picture = PictureModel(rig.tank_model, rig.pump_path, rig.safety.level_max_cm)
+    return TimelineSettings(rig.tank_model.level_gain_V_cm, duration_s, picture)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import rerun as rr
 import rerun.blueprint as rrb
 
+from hil.edge.record.picture_layout import BACKGROUND, BOUNDS_X, BOUNDS_Y, ROOM
 from hil.edge.record.rerun_log import TIMELINE, Series, series
 from hil.edge.record.run_folder import RunMode
 
@@ -45,16 +46,27 @@ OVERVIEW = ("levels", "pumps")
 CONTROL = ("control", "law")
 
 
-def blueprint(mode: RunMode, duration_s: float | None = None, shown: Sequence[str] = ()) -> rrb.Blueprint:
-    """Tabs: overview (opens first), control, bench, run card. Entities of any other name than these are in bench.
+def blueprint(
+    mode: RunMode,
+    duration_s: float | None = None,
+    shown: Sequence[str] = (),
+    *,
+    has_picture: bool = False,
+    tab: str = "Overview",
+) -> rrb.Blueprint:
+    """Tabs: overview (opens first), tanks, control, bench, run card. Entities of any other name are in bench.
 
     mode, shown : of the run, which decide the plots. duration_s : length of the run as planned; the plots then open
-    on the whole of it. None: around the cursor.
+    on the whole of it. None: around the cursor. has_picture : whether the recording has the picture of the tanks.
+    tab : the one that is open at first, by name.
     """
     layout = _Layout(series(mode, shown), duration_s)
     card = rrb.TextDocumentView(origin="/card", name="Run card")
+    tanks = [layout.tanks()] if has_picture else []
+    sheets: list[rrb.Container | rrb.View] = [layout.overview(), *tanks, layout.control(), layout.bench(), card]
+    opened = next((place for place, sheet in enumerate(sheets) if sheet.name == tab), 0)
     return rrb.Blueprint(
-        rrb.Tabs(layout.overview(), layout.control(), layout.bench(), card, active_tab=0),
+        rrb.Tabs(*sheets, active_tab=opened),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="paused"),
@@ -96,6 +108,22 @@ class _Layout:
             row_shares=[2.6, 2, 2.2, *(2.0 for _ in more), 2.5],
             name="Overview",
         )
+
+    def tanks(self) -> rrb.Horizontal:
+        """The picture of the tanks, with the outputs, states and log beside it."""
+        picture = rrb.Spatial2DView(
+            origin=f"/{ROOM}",
+            name="Tanks",
+            background=list(BACKGROUND),
+            visual_bounds=rrb.VisualBounds2D(x_range=list(BOUNDS_X), y_range=list(BOUNDS_Y)),
+        )
+        states = rrb.StateTimelineView(
+            origin="/states", contents=["/states/**"], name="Mode and faults", time_view=self._axis
+        )
+        log = rrb.TextLogView(origin="/log", name="Log")
+        plots = [self._plot(entity) for entity in ("levels/tank1", "levels/tank2")]
+        beside = rrb.Vertical(*plots, states, log, row_shares=[2, 2, 2.2, 2.2])
+        return rrb.Horizontal(picture, beside, column_shares=[3, 2], name="Tanks")
 
     def control(self) -> rrb.Vertical:
         """What the control law works with."""

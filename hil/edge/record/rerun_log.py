@@ -25,11 +25,14 @@ import rerun.blueprint as rrb
 
 from hil.core.types import Event, Mode
 from hil.edge.record.new_folder import disk_error
+from hil.edge.record.picture_model import PictureModel
 from hil.edge.record.record_format import Row
 from hil.edge.record.run_folder import RunMode
 from hil.edge.record.signals import Signal, recorded
+from hil.edge.record.tank_picture import TankPicture
 
 TIMELINE = "run_time"
+APPLICATION = "fourtank-hil"
 _NONE = "none"
 FLUSH_TIMEOUT_S = 2.0
 CALL_TIMEOUT_S = 5.0
@@ -77,7 +80,7 @@ class RerunLog:
     """A `Timeline` for the recorder. Building it writes the static parts: half a second, before the loop.
 
     mode, shown : of the run, which decide the signals. batch_ticks : steps gathered before they are sent by themselves;
-    `flush` sends what there is.
+    `flush` sends what there is. picture : the rig for the picture of its tanks; None without it.
     """
 
     def __init__(
@@ -91,6 +94,7 @@ class RerunLog:
         blueprint: rrb.Blueprint | None = None,
         batch_ticks: int = 250,
         compact_at_close: bool = False,
+        picture: PictureModel | None = None,
     ) -> None:
         self._path, self._compact_at_close = path, compact_at_close
         signals = recorded(mode, shown)
@@ -98,13 +102,14 @@ class RerunLog:
         columns = [signal.column for signal in signals]
         self._mode, self._theta1, self._theta2 = (columns.index(name) for name in ("mode", "theta1", "theta2"))
         self._series = series(mode, shown)
+        self._picture = None if picture is None else TankPicture(picture, columns)
         self._table = np.empty((batch_ticks, len(signals)))
         self._filled = 0
         self._events: list[tuple[float, Event]] = []
         self._states: dict[str, list[tuple[float, str]]] = {}
         self._state_now: dict[str, str] = {}
         self._state_key: tuple[float, float, float] | None = None
-        self._recording = rr.RecordingStream("fourtank-hil", recording_id=card.recording_id)
+        self._recording = rr.RecordingStream(APPLICATION, recording_id=card.recording_id)
         self._call(lambda: self._open(card, blueprint))
 
     def tick(self, row: Row) -> None:
@@ -121,6 +126,8 @@ class RerunLog:
         """Take one event: a line of the log; alarms and trips become states, too."""
         self._events.append((t_s, event))
         if event.code == "alarm":
+            if self._picture is not None:
+                self._picture.note_alarm(t_s, event.data)
             text = f"{event.data.get('kind')} {event.data.get('target')}"
             earlier = self._states.get("states/alarm", [])
             if earlier and earlier[-1][0] == t_s and earlier[-1][1] != _NONE:
@@ -169,6 +176,8 @@ class RerunLog:
 
     def _send_and_flush(self) -> None:
         self._send()
+        if self._picture is not None:
+            self._picture.send(self._recording)
         self._recording.flush(timeout_sec=FLUSH_TIMEOUT_S)
 
     def _finalise(self) -> None:
@@ -191,6 +200,8 @@ class RerunLog:
         for entity, (values, labels, colors) in _STATES.items():
             style = rr.StateConfiguration(values=values, labels=labels, colors=np.array(colors, dtype=np.uint32))
             self._recording.log(entity, style, static=True)
+        if self._picture is not None:
+            self._picture.log_static(self._recording)
         self._recording.log("card", rr.TextDocument(card.markdown, media_type=rr.MediaType.MARKDOWN), static=True)
         if card.facts:
             self._recording.send_property("run", rr.AnyValues(drop_untyped_nones=True, **card.facts))
@@ -203,6 +214,7 @@ class RerunLog:
                 places = list(one.places)
                 values = table[:, places] * self._to_V[places]
                 self._recording.send_columns(one.entity, [times], rr.Scalars.columns(scalars=values))
+            self._send_picture(table)
         for entity, changes in self._states.items():
             self._send_changes(entity, changes)
         self._states.clear()
@@ -212,6 +224,12 @@ class RerunLog:
             levels = [str(event.severity) for _, event in self._events]
             self._events.clear()
             self._recording.send_columns("log", [times], rr.TextLog.columns(text=texts, level=levels))
+
+    def _send_picture(self, table: Floats) -> None:
+        if self._picture is not None:
+            self._picture.add(table)
+            if self._picture.is_due:
+                self._picture.send(self._recording)
 
     def _send_changes(self, entity: str, changes: Sequence[tuple[float, str]]) -> None:
         times = time_column(np.array([t_s for t_s, _ in changes]))
