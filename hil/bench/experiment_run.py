@@ -56,10 +56,13 @@ class ExperimentBench:
 
 @dataclass(frozen=True)
 class ExperimentOptions:
-    """How to experiment. minutes : longest time without emptying and ruler; None: that of the plan."""
+    """How to experiment. readings : how often levels are read by a ruler; 0: without one.
+
+    minutes : longest time without emptying and ruler; None: that of the plan.
+    """
 
     is_full: bool = False
-    with_ruler: bool = False
+    readings: int = 0
     minutes: float | None = None
     rerun: bool = True
     clear_trip: bool = False
@@ -74,7 +77,7 @@ class ExperimentOptions:
             level_max_cm=rig.safety.level_max_cm,
             rim_margin_cm=rig.safety.rim_margin_cm,
             is_full=self.is_full,
-            with_ruler=self.with_ruler,
+            readings=self.readings,
             time_scale=1.0 if self.minutes is None else self.minutes * 60.0 / longest_s,
         )
 
@@ -82,7 +85,7 @@ class ExperimentOptions:
     def choices(self) -> dict[str, Any]:
         """What another call must choose alike to go on with the same experiment."""
         structure = "full" if self.is_full else "basic"
-        return {"structure": structure, "ruler": self.with_ruler, "minutes": self.minutes}
+        return {"structure": structure, "ruler": self.readings > 0, "readings": self.readings, "minutes": self.minutes}
 
 
 class Stage(Protocol):

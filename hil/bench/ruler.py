@@ -104,19 +104,20 @@ class GivenRuler:
 
 
 class EmulatedRuler:
-    """Reads the emulator's true levels, each time with an error of SD_CM."""
+    """Reads the emulator's true levels, each time with an error of the standard deviation sd_cm."""
 
-    def __init__(self, true_level_cm: Callable[[], Quad], seed: int) -> None:
-        self._true_level_cm = true_level_cm
+    def __init__(self, true_level_cm: Callable[[], Quad], seed: int, sd_cm: float = SD_CM) -> None:
+        self._true_level_cm, self._sd_cm = true_level_cm, sd_cm
         self._random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(12,)))
         self._levels: tuple[Level, ...] = ()
 
     def ask(self, tanks: Sequence[int]) -> None:
         """Read these now."""
-        errors_cm = self._random.normal(0.0, SD_CM, len(tanks)).tolist()
+        errors_cm = self._random.normal(0.0, self._sd_cm, len(tanks)).tolist()
         levels_cm = self._true_level_cm()
         self._levels = tuple(
-            (tank, max(levels_cm[tank] + error_cm, 0.0), SD_CM) for tank, error_cm in zip(tanks, errors_cm, strict=True)
+            (tank, max(levels_cm[tank] + error_cm, 0.0), self._sd_cm)
+            for tank, error_cm in zip(tanks, errors_cm, strict=True)
         )
 
     def take(self) -> tuple[Level, ...]:

@@ -44,7 +44,8 @@ class IdentifyOptions:
     out: Path | None = None
     is_full: bool = False
     minutes: float | None = None
-    with_ruler: bool = False
+    readings: int = 0
+    reading_sd_mm: float = 1.0
     ruler_file: Path | None = None
     is_confirmed: bool = False
     clear_trip: bool = False
@@ -57,9 +58,14 @@ class IdentifyOptions:
     write: bool = False
 
     @property
+    def reading_sd_cm(self) -> float:
+        """Standard deviation of one reading by a ruler."""
+        return 0.1 * self.reading_sd_mm
+
+    @property
     def of_experiment(self) -> ExperimentOptions:
         """Those of the experiment."""
-        return ExperimentOptions(self.is_full, self.with_ruler, self.minutes, self.rerun, self.clear_trip)
+        return ExperimentOptions(self.is_full, self.readings, self.minutes, self.rerun, self.clear_trip)
 
 
 def run(console: Console, options: IdentifyOptions) -> int:
@@ -98,13 +104,14 @@ def _stage(console: Console, bench: ExperimentBench, options: IdentifyOptions) -
         given = GivenRuler([(one.tank - 1, one.level_cm, one.level_sd_cm) for one in load_points(options.ruler_file)])
     if options.with_emulator:
         emulator = identify_inputs.emulator(options.truth, options.rig, options.config_dir, options.seed)
-        ruler = given or EmulatedRuler(lambda: emulator.levels_cm, options.seed)
-        return EmulatedStage(emulator, options.seed, ruler if options.with_ruler else None)
+        ruler = given or EmulatedRuler(lambda: emulator.levels_cm, options.seed, options.reading_sd_cm)
+        return EmulatedStage(emulator, options.seed, ruler if options.readings else None)
     bus = bench.rig.bus
     address = BusAddress(
         options.interface or bus.interface, options.channel or bus.channel, options.bitrate or bus.bitrate
     )
-    return LiveStage(address, given or (TerminalRuler(console) if options.with_ruler else None))
+    by_hand = TerminalRuler(console, sd_cm=options.reading_sd_cm) if options.readings and not given else None
+    return LiveStage(address, given or by_hand)
 
 
 class Confirmation:

@@ -16,10 +16,13 @@ MAX_CM = 1000.0
 
 
 class TerminalRuler:
-    """Asks for one tank after the other; an empty line leaves a tank out. The loop never waits for the terminal."""
+    """Asks for one tank after the other; an empty line leaves a tank out. The loop never waits for the terminal.
 
-    def __init__(self, console: Console, lines: TypedLines | None = None) -> None:
-        self._console = console
+    sd_cm : standard deviation of each reading.
+    """
+
+    def __init__(self, console: Console, lines: TypedLines | None = None, sd_cm: float = SD_CM) -> None:
+        self._console, self._sd_cm = console, sd_cm
         self._lines = lines
         self._tanks: list[int] = []
         self._texts: SimpleQueue[str] = SimpleQueue()
@@ -49,7 +52,7 @@ class TerminalRuler:
             return ()
         tank = self._tanks.pop(0)
         self._prompt()
-        return ((tank, level, SD_CM),) if isfinite(level) else ()
+        return ((tank, level, self._sd_cm),) if isfinite(level) else ()
 
     def is_done(self) -> bool:
         """Whether all tanks were asked for."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import count
 from math import inf, nan, sqrt
 
+from hil.core.counted import counted
 from hil.core.experiment import Envelope, Phase, Segment, Until
 from hil.core.pumps import PumpPath
 from hil.core.tanks import TankModel, equilibrium
@@ -24,19 +25,20 @@ STILL_S, MIN_STILL_S = 8.0, 2.0
 MIN_FILLING_S = 10.0
 """However short the experiment."""
 
-RULER_SHARES = (0.86, 0.82, 0.85, 0.81, 0.84, 0.8)
-"""Shares of `safety.level_max_cm` at which levels are read: the higher, the less a millimetre counts.
+RULER_READINGS = 10
+"""How often levels are read by a ruler. What each number gives: docs/decisions/0041-levels-by-a-ruler.md."""
 
-Each reading is at another height, so that it is a new one, and the steps between them are small, so that the levels
-soon stand still. How many are needed: docs/decisions/0041-levels-by-a-ruler.md.
-"""
+RULER_RANGE = (0.86, 0.8)
+"""Shares of `safety.level_max_cm` between which levels are read: the higher, the less a millimetre counts."""
 
 RULER_TOP_SHARE = 0.92
 """Top of the lower tanks while their levels are read."""
 
 ALL_TANKS = (0, 1, 2, 3)
 
-STANDING_S, MAX_STANDING_S = 10.0, 50.0
+STANDING_S, MAX_STANDING_S = 10.0, (50.0, 15.0)
+"""How long levels must stand still before they are read, and the longest wait for that: at first, and later."""
+
 MAX_READING_S = 300.0
 """How long the rig waits for somebody to read the levels, each time."""
 
@@ -56,8 +58,8 @@ BASIC_S, FULL_S = 700.0, 1160.0
 class PlanSpec:
     """What a plan is made for. level_max_cm : that trips. rim_margin_cm : that the bound keeps from the rim.
 
-    is_full : for the full structure. with_ruler : with a phase in which the levels are read. time_scale : of all hold
-    times.
+    is_full : for the full structure. readings : how often the levels are read by a ruler, in a phase of their own; 0:
+    no such phase. time_scale : of all hold times.
     """
 
     model: TankModel
@@ -66,7 +68,7 @@ class PlanSpec:
     level_max_cm: float
     rim_margin_cm: float
     is_full: bool = False
-    with_ruler: bool = False
+    readings: int = 0
     time_scale: float = 1.0
 
     @property
@@ -104,7 +106,7 @@ def plan(spec: PlanSpec) -> tuple[Phase, ...]:
         phases += [_stairs(spec, 0), _stairs(spec, 1), _fast(spec)]
     binary_count, held_out_count = (12, 20) if spec.is_full else (8, 12)
     phases.append(_binary(spec, "binary", "a binary sequence on both pumps", binary_count, 20.0, (0.1, 1.9), start=1))
-    if spec.with_ruler:
+    if spec.readings:
         phases.append(_ruler(spec))
     text = "another binary sequence, which judges the result"
     phases.append(_binary(spec, "held_out", text, held_out_count, 8.0, (0.5, 1.5), start=40))
@@ -213,18 +215,28 @@ def _ruler(spec: PlanSpec) -> Phase:
     """
     standing_s = max(STANDING_S * spec.time_scale, MIN_STILL_S)
     base_V = _at(spec, 1.2, 1.2, 1.0).voltage_V
-    first_cm = RULER_SHARES[0] * spec.level_max_cm
+    first_cm = RULER_RANGE[0] * spec.level_max_cm
     segments = [_at(spec, 1.2, 1.2, 30.0), *[Segment(base_V, 35.0 * spec.time_scale, aim_cm=first_cm)] * 3]
-    for share in RULER_SHARES:
-        is_first = share == RULER_SHARES[0]
-        wait_s = (MAX_STANDING_S if is_first else 0.5 * MAX_STANDING_S) * spec.time_scale
+    for number, share in enumerate(ruler_shares(spec.readings)):
+        is_first = number == 0
+        wait_s = MAX_STANDING_S[0 if is_first else 1] * spec.time_scale
         aim_cm = nan if is_first else share * spec.level_max_cm
         segments += [
             Segment(base_V, wait_s, Until.STILL, still_s=standing_s, aim_cm=aim_cm),
             Segment(base_V, MAX_READING_S, Until.ANSWERED, tanks=ALL_TANKS if is_first else ()),
         ]
-    text = f"high levels at constant voltages; somebody reads them by a ruler, {len(RULER_SHARES)} times"
+    text = f"high levels at constant voltages; somebody reads them by a ruler, {counted(spec.readings, 'time')}"
     return Phase(RULER, text, tuple(segments), lower_top_cm=RULER_TOP_SHARE * spec.level_max_cm)
+
+
+def ruler_shares(readings: int) -> tuple[float, ...]:
+    """Shares of `safety.level_max_cm` at which levels are read, (readings,).
+
+    Each reading is at another height, so that it is a new one. The golden ratio spreads them evenly, with steps below
+    two thirds of the range, so that the levels soon stand still.
+    """
+    high, low = RULER_RANGE
+    return tuple(high - (high - low) * (number * GOLDEN % 1.0) for number in range(readings))
 
 
 def _binary(spec: PlanSpec, name: str, text: str, bits: int, clock_s: float, shares: Pair, *, start: int) -> Phase:

@@ -35,6 +35,16 @@ def test_levels_come_one_tank_after_the_other_and_an_empty_line_leaves_one_out(
     os.close(keys)
 
 
+def test_a_reader_who_sees_half_millimetres_says_so() -> None:
+    reading, writing = os.pipe()
+    ruler = TerminalRuler(Console(file=io.StringIO()), TypedLines(reading), sd_cm=0.05)
+    ruler.ask((0,))
+    os.write(writing, b"12.35\n")
+    assert ruler.take() == ((0, 12.35, 0.05),)
+    os.close(writing)
+    os.close(reading)
+
+
 def test_the_end_of_the_input_ends_the_questions(typing: tuple[TerminalRuler, int]) -> None:
     ruler, keys = typing
     ruler.ask((0, 1, 2, 3))

@@ -1,6 +1,7 @@
 """The phases of an experiment on rigs that are not as their file says: the tanks stay below their tops."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 from hypothesis import Phase as Stage
@@ -8,7 +9,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.core.experiment import Envelope, Phase, PhaseState, Segment, Until, advance
-from hil.core.experiment_plan import BASIC_S, FULL_S, MAX_EMPTYING_S, PlanSpec, binary_sequence, envelope, plan
+from hil.core.experiment_plan import (
+    BASIC_S,
+    FULL_S,
+    MAX_EMPTYING_S,
+    RULER_READINGS,
+    PlanSpec,
+    binary_sequence,
+    envelope,
+    plan,
+    ruler_shares,
+)
 from hil.core.pumps import PumpPath
 from hil.core.tanks import TankModel, level_rates
 from hil.core.types import Pair, Quad
@@ -86,7 +97,7 @@ def test_the_plan_keeps_to_the_time_that_it_promises(is_full: bool) -> None:
 
 
 def test_with_the_ruler_the_full_plan_takes_25_minutes_and_the_time_for_reading() -> None:
-    phases = plan(replace(SPEC, is_full=True, with_ruler=True))
+    phases = plan(replace(SPEC, is_full=True, readings=RULER_READINGS))
     reading_s = sum(one.max_s for phase in phases for one in phase.segments if one.until is Until.ANSWERED)
     longest_s = sum(phase.max_s for phase in phases) - MAX_EMPTYING_S - reading_s
     assert longest_s + 10.0 + 1.5 * len(phases) <= 60.0 * 25.5
@@ -179,19 +190,32 @@ def test_both_lower_levels_are_high_where_they_are_read_though_the_file_is_wrong
     rig = replace(
         FILE, pump_gain_cm3_Vs=(3.9, 2.8), outlet_cm2=(0.063, 0.064, 0.071, 0.057), datum_cm=(1.0, 1.0, 0.0, 0.0)
     )
-    phases = {phase.name: phase for phase in plan(replace(SPEC, with_ruler=True))}
+    phases = {phase.name: phase for phase in plan(replace(SPEC, readings=RULER_READINGS))}
     state, t_s, level_cm = PhaseState(), 0.0, (8.0, 6.0, 1.0, 1.0)
     read: list[Quad] = []
     while not state.is_over:
         segment = state.segment
-        state = advance(phases["ruler"], BOUNDS, state, t_s, level_cm, answered=9)
+        state = advance(phases["ruler"], BOUNDS, state, t_s, level_cm, answered=99)
         if state.segment != segment and phases["ruler"].segments[segment].until is Until.STILL:
             read.append(level_cm)
         level_cm = moved(rig, level_cm, state.voltage_V)
         t_s += PERIOD_S
         assert max(level_cm[:2]) < 18.0
-    assert len(read) == 6
+    assert len(read) == RULER_READINGS
     assert all(min(level[:2]) > 13.5 for level in read)
+
+
+@pytest.mark.parametrize("readings", [1, 6, 10, 24])
+def test_readings_by_a_ruler_are_new_ones_near_the_top(readings: int) -> None:
+    """Two readings of the same height would have the same error of the ruler's marks."""
+    shares = ruler_shares(readings)
+    assert len(set(shares)) == len(shares) == readings
+    assert shares[0] == max(shares) == 0.86
+    assert min(shares) >= 0.8
+    assert all(abs(one - other) * SPEC.level_max_cm < 1.0 for one, other in pairwise(shares)), "soon still again"
+    (phase,) = [one for one in plan(replace(SPEC, readings=readings)) if one.name == "ruler"]
+    assert phase.readings_until(len(phase.segments)) == readings
+    assert f"{readings} time" in phase.text
 
 
 def test_a_reading_that_was_given_does_not_answer_the_next_question() -> None:

@@ -146,7 +146,7 @@ def test_a_folder_that_is_no_experiment_or_another_one_is_refused(tmp_path: Path
         ExperimentFolder.open(tmp_path, phases, SHORT.choices)
     ExperimentFolder.open(tmp_path / "one", phases, SHORT.choices)
     with pytest.raises(ExperimentFolderError, match="other choices"):
-        ExperimentFolder.open(tmp_path / "one", phases, {**SHORT.choices, "ruler": True})
+        ExperimentFolder.open(tmp_path / "one", phases, {**SHORT.choices, "readings": 6})
 
 
 def test_falling_sensors_under_the_file_of_rising_ones_are_not_filled(tmp_path: Path) -> None:
@@ -159,7 +159,7 @@ def test_falling_sensors_under_the_file_of_rising_ones_are_not_filled(tmp_path: 
 
 def test_the_ruler_is_read_in_its_phase_and_kept_beside_the_record(tmp_path: Path) -> None:
     emulator = rig()
-    options = ExperimentOptions(minutes=0.4, rerun=False, with_ruler=True)
+    options = ExperimentOptions(minutes=0.4, rerun=False, readings=6)
     ruler = EmulatedRuler(lambda: emulator.levels_cm, 1)
     folder = run_experiment(BENCH, options, EmulatedStage(emulator, 1, ruler), tmp_path / "x", Asked(emulator))
     assert folder is not None
@@ -175,7 +175,7 @@ def test_the_ruler_is_read_in_its_phase_and_kept_beside_the_record(tmp_path: Pat
 
 def test_a_ruler_phase_whose_levels_were_lost_is_not_recorded(tmp_path: Path) -> None:
     emulator = rig()
-    options = ExperimentOptions(minutes=0.4, rerun=False, with_ruler=True)
+    options = ExperimentOptions(minutes=0.4, rerun=False, readings=6)
     stage = EmulatedStage(emulator, 1, GivenRuler([]))
     folder = run_experiment(BENCH, options, stage, tmp_path / "x", Asked(emulator))
     assert folder is not None
@@ -188,7 +188,7 @@ def test_a_ruler_phase_whose_levels_were_lost_is_not_recorded(tmp_path: Path) ->
 
 def test_given_levels_of_one_tank_belong_to_one_reading_after_the_other(tmp_path: Path) -> None:
     emulator = rig()
-    options = ExperimentOptions(minutes=0.4, rerun=False, with_ruler=True)
+    options = ExperimentOptions(minutes=0.4, rerun=False, readings=6)
     stage = EmulatedStage(emulator, 1, GivenRuler([(0, 7.5, 0.2), (0, 7.0, 0.2), (3, 1.0, 0.1), (3, 1.1, 0.1)]))
     folder = run_experiment(BENCH, options, stage, tmp_path / "x", Asked(emulator))
     assert folder is not None
@@ -201,7 +201,7 @@ def test_given_levels_of_one_tank_belong_to_one_reading_after_the_other(tmp_path
 
 def test_given_levels_are_those_of_the_moment_at_which_the_phase_asks(tmp_path: Path) -> None:
     emulator = rig()
-    options = ExperimentOptions(minutes=0.4, rerun=False, with_ruler=True)
+    options = ExperimentOptions(minutes=0.4, rerun=False, readings=6)
     stage = EmulatedStage(emulator, 1, GivenRuler([(0, 7.5, 0.2)]))
     folder = run_experiment(BENCH, options, stage, tmp_path / "x", Asked(emulator))
     assert folder is not None

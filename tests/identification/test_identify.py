@@ -11,7 +11,7 @@ from hil.core.identification.null_directions import moves
 from hil.core.identification.parameters import Choice, RigModel
 from hil.core.identification.records import LevelRecord
 from hil.core.identification.result import Identification
-from tools.identification_study.__main__ import RIGS, run_case
+from tools.identification_study.cases import RIGS, CaseSpec, run_case
 from tools.identification_study.truth import (
     Plan,
     Truth,
@@ -163,10 +163,10 @@ def test_unknown_names_are_errors(truth: Truth) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_rich_rig_is_found_with_its_structure(seed: int) -> None:
-    case = run_case("rich", seed)
+    case = run_case(CaseSpec("rich", seed))
     assert case.found.refusal == ""
-    assert case.expected is not None
-    assert set(case.found.structure) == set(case.expected)
+    assert case.spec.expected is not None
+    assert set(case.found.structure) == set(case.spec.expected)
     for one in case.found.parameters:
         if one.status == "identified":
             assert abs(one.value - case.truth.value(one.name)) < 4.5 * one.sd, one
@@ -175,7 +175,7 @@ def test_a_rich_rig_is_found_with_its_structure(seed: int) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("rig", RIGS)
 def test_a_rig_of_the_literature_is_found_from_the_default_file(rig: str) -> None:
-    case = run_case("rigs", 1, rig=rig)
+    case = run_case(CaseSpec("rigs", 1, rig=rig))
     assert case.found.refusal == ""
     for one in case.found.parameters:
         if one.status == "identified":

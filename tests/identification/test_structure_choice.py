@@ -9,7 +9,7 @@ import pytest
 
 from hil.core.identification.estimate import RigEstimate, estimate
 from hil.core.identification.parameters import Choice, RigModel, with_values
-from hil.core.identification.structure import as_in_file, evidence, hopeless, reduced_values
+from hil.core.identification.structure import as_in_file, evidence, hopeless, is_significant, reduced_values
 from tests.identification.made_records import record_of, steps
 
 TRUTH = with_values(RigModel(), {"k2": 3.6, "a3": 0.078, "delay2": 0.15})
@@ -38,6 +38,20 @@ def test_without_an_extension_the_level_of_an_empty_tank_stays(found: RigEstimat
 def test_the_evidence_for_what_is_there_is_well_above_one(found: RigEstimate) -> None:
     assert evidence(found, START, "delay") > 5.0
     assert evidence(found, with_values(START, {"delay1": found["delay1"], "delay2": found["delay2"]}), "delay") == 0.0
+
+
+def test_an_extension_is_significant_only_beyond_what_chance_explains(found: RigEstimate) -> None:
+    """With waves and turbulence a dead zone of 2.5 mV, 1.2 standard deviations, was kept for the held-out record alone.
+
+    One parameter of two has moved: chi-squared of 13.8 for two of them is 3.7 standard deviations.
+    """
+    assert is_significant(found, START, "delay")
+    at = [found.names.index(name) for name in ("delay1", "delay2")]
+    inverse = np.linalg.pinv(found.covariance[np.ix_(at, at)], hermitian=True)
+    conditional_sd = float(inverse[1, 1]) ** -0.5
+    for away_sd, is_expected in ((1.2, False), (3.6, False), (3.8, True)):
+        delays = {"delay1": found["delay1"], "delay2": found["delay2"] - away_sd * conditional_sd}
+        assert is_significant(found, with_values(START, delays), "delay") == is_expected
 
 
 def test_what_the_records_do_not_determine_is_given_up(found: RigEstimate) -> None:

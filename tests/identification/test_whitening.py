@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from hil.core.identification.intervals import covariance, is_white
+from hil.core.identification.noise_estimate import estimate_noise
 from hil.core.identification.noise_model import (
     Array,
     Linearisation,
     NoiseModel,
-    estimate_noise,
     white_noise,
     whitened,
 )

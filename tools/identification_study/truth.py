@@ -29,7 +29,7 @@ PERIOD_S = 0.02
 MEAN_OF = 5
 NS_PER_PERIOD = 20_000_000
 RULER_SD_CM = 0.1
-RULER_SHARES = (1.0, 0.98, 0.99, 0.97, 0.985, 0.975)
+RULER_SHARES = tuple(1.0 - 0.03 * (number * 0.618 % 1.0) for number in range(10))
 """Voltages at which levels are read, as shares of the largest."""
 STIRRED_CM = 0.3
 """Turbulence stirs only tanks with some water. The emulator also stirs empty ones, which can only add water: at 0.03

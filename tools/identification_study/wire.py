@@ -11,6 +11,7 @@ from hil.bench import identify_inputs
 from hil.bench.experiment_run import EmulatedStage, ExperimentOptions, run_experiment
 from hil.bench.ruler import EmulatedRuler
 from hil.core.experiment import Phase
+from hil.core.experiment_plan import RULER_READINGS
 from hil.core.identification.records import LevelRecord
 from tools.identification_study.truth import CONFIG, Truth
 
@@ -22,7 +23,7 @@ def wire_records(
     bench = identify_inputs.load_bench(None, None)
     emulator = Rig(truth.settings, (), seed, load_fingerprint(CONFIG / "bench.dbc"))
     ruler = EmulatedRuler(lambda: emulator.levels_cm, seed) if with_ruler else None
-    options = ExperimentOptions(is_full, with_ruler, None, False, False)
+    options = ExperimentOptions(is_full, RULER_READINGS if with_ruler else 0, None, False, False)
     with TemporaryDirectory() as folder:
         done = run_experiment(bench, options, EmulatedStage(emulator, seed, ruler), Path(folder) / "out", _yes)
         if done is None:

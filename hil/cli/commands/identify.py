@@ -42,8 +42,18 @@ def identify(
         ),
     ] = None,
     ruler: Annotated[
-        bool, typer.Option("--ruler", help="Ask for levels read by a ruler, six times, when they stand still.")
+        bool, typer.Option("--ruler", help="Ask for levels read by a ruler, ten times, when they stand still.")
     ] = False,
+    ruler_readings: Annotated[
+        Optional[int],
+        typer.Option("--ruler-readings", metavar="N", min=1, max=24, help="As --ruler, but N times."),
+    ] = None,
+    ruler_sd: Annotated[
+        float,
+        typer.Option(
+            "--ruler-sd", metavar="MM", min=0.1, max=10.0, help="Standard deviation of one reading by the ruler, mm."
+        ),
+    ] = 1.0,
     ruler_file: Annotated[
         Optional[Path],
         typer.Option("--ruler-file", metavar="FILE", help="Take these levels as read then: CSV with tank, level_cm."),
@@ -99,6 +109,7 @@ def identify(
         with interruptible():
             raise typer.Exit(file_check.run(Console(), tuple(runs or ()), rig_path, limit, out))
     from hil.cli import identify_command as identification
+    from hil.core.experiment_plan import RULER_READINGS
 
     options = identification.IdentifyOptions(
         runs=tuple(runs or ()),
@@ -108,7 +119,8 @@ def identify(
         out=out,
         is_full=full,
         minutes=minutes,
-        with_ruler=ruler or ruler_file is not None,
+        readings=ruler_readings or (RULER_READINGS if ruler or ruler_file is not None else 0),
+        reading_sd_mm=ruler_sd,
         ruler_file=ruler_file,
         is_confirmed=yes,
         clear_trip=clear_trip,

@@ -72,53 +72,63 @@ class LeastSquares:
         """Minimise from these values on, until the cost falls by a smaller share than the tolerance."""
         from scipy.optimize import least_squares  # here: a run that fits nothing need not load it
 
-        wanted = self.unknowns
-        priors = np.flatnonzero(np.isfinite(wanted.prior_sd))
-        plain = len(priors) + len(wanted.names)
-        plain_jacobian = np.zeros((plain, len(wanted.names)))
-        plain_jacobian[np.arange(len(priors)), priors] = (wanted.scale / wanted.prior_sd)[priors]
-        plain_jacobian[len(priors) :] = np.eye(len(wanted.names)) / ANCHOR
-        last: dict[bytes, tuple[Array, Array]] = {}
-        count = 0
-
-        def at(x: Array) -> tuple[Array, Array]:
-            nonlocal count
-            key = x.tobytes()
-            if key not in last:
-                count += 1
-                values = x * wanted.scale
-                found = self.whitened(values)
-                prior = ((values - wanted.start) / wanted.prior_sd)[priors]
-                anchor = (values - wanted.start) / (ANCHOR * wanted.scale)
-                last.clear()
-                last[key] = (
-                    np.concatenate([*(one.flat for one in found), prior, anchor]),
-                    np.concatenate([*(one.flat_jacobian * wanted.scale for one in found), plain_jacobian]),
-                )
-            return last[key]
-
-        def loss(z: Array) -> Array:
-            out = soft_l1(z)
-            out[:, -plain:] = (z[-plain:], np.ones(plain), np.zeros(plain))
-            return out
-
+        wanted, rows = self.unknowns, _ScaledRows(self)
         low, high = wanted.low / wanted.scale, wanted.high / wanted.scale
         margin = 1e-9 * np.minimum(high - low, 1.0)
         found = least_squares(
-            lambda x: at(x)[0],
+            lambda x: rows.at(x)[0],
             np.clip(values / wanted.scale, low + margin, high - margin),
-            jac=lambda x: at(x)[1],
+            jac=lambda x: rows.at(x)[1],
             bounds=(low, high),
             method="trf",
             x_scale="jac",
-            loss=loss,
+            loss=rows.loss,
             f_scale=self.outlier_sd,
             ftol=tolerance,
             xtol=min(tolerance, 1e-6),
             gtol=1e-9,
             max_nfev=MAX_EVALUATIONS,
         )
-        return Minimum(found.x * wanted.scale, float(found.cost), count, found.status > 0, str(found.message))
+        return Minimum(found.x * wanted.scale, float(found.cost), rows.count, found.status > 0, str(found.message))
+
+
+class _ScaledRows:
+    """Residuals and their derivatives by unknowns over their scales, as scipy takes them; the last ones are kept.
+
+    After the rows of the readings come those of priors and anchor, which are squared whatever the loss.
+    """
+
+    def __init__(self, problem: LeastSquares) -> None:
+        wanted = problem.unknowns
+        self._problem, self.count = problem, 0
+        self._priors = np.flatnonzero(np.isfinite(wanted.prior_sd))
+        self._squared = len(self._priors) + len(wanted.names)
+        self._jacobian = np.zeros((self._squared, len(wanted.names)))
+        own = (wanted.scale / wanted.prior_sd)[self._priors]
+        self._jacobian[np.arange(len(self._priors)), self._priors] = own
+        self._jacobian[len(self._priors) :] = np.eye(len(wanted.names)) / ANCHOR
+        self._key, self._last = b"", (np.zeros(0), np.zeros((0, 0)))
+
+    def at(self, x: Array) -> tuple[Array, Array]:
+        """(m,) and (m, p) at x, the values over their scales."""
+        if x.tobytes() != self._key:
+            self.count += 1
+            wanted, values = self._problem.unknowns, x * self._problem.unknowns.scale
+            found = self._problem.whitened(values)
+            prior = ((values - wanted.start) / wanted.prior_sd)[self._priors]
+            anchor = (values - wanted.start) / (ANCHOR * wanted.scale)
+            self._last = (
+                np.concatenate([*(one.flat for one in found), prior, anchor]),
+                np.concatenate([*(one.flat_jacobian * wanted.scale for one in found), self._jacobian]),
+            )
+            self._key = x.tobytes()
+        return self._last
+
+    def loss(self, z: Array) -> Array:
+        """(3, m) of squared residuals: `soft_l1` of the readings, the square itself of the rest."""
+        out, plain = soft_l1(z), self._squared
+        out[:, -plain:] = (z[-plain:], np.ones(plain), np.zeros(plain))
+        return out
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,16 +1,14 @@
 """What colours the residuals of a simulation: noise of the sensors, waves, turbulence, each as large as the data say.
 
 White noise: at first from the differences of neighbouring residuals, which waves and turbulence hardly touch. Then
-all three: by restricted maximum likelihood (Patterson and Thompson, Biometrika 58, 1971) of the innovations of
-`whitening`, so that what the parameters have taken out of the residuals is not counted as quiet. Where residuals are
-white both come out as nothing.
+all three, by `noise_estimate`. Where residuals are white, waves and turbulence come out as nothing.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import exp, log, sqrt
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,20 +18,13 @@ from hil.core.identification.whitening import whitened_side
 
 Array = NDArray[np.float64]
 
+FIT_BIN_S = 0.5
 SIDES = ((0, 2), (1, 3))
 """Lower and upper tank of each side."""
-NOISE_BIN_S, FIT_BIN_S = 1.0, 0.5
 OUTLIER_SD = 8.0
 MIN_NOISE_V = 1e-5
 MAX_BINS = 6000
 EMPTY_CM = 0.01
-WAVE_S = (0.7, 8.0)
-TURBULENCE = (1e-6, 0.3)
-WAVE_SHARE = (1e-3, 30.0)
-WHITE_SHARE = (0.2, 1.5)
-HOPELESS = 1e30
-WHITE_SD = (0.02, 0.3)
-"""How well differences of neighbouring readings give the white noise: as a share, and more for 1 s between them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,93 +202,6 @@ def bin_width(records: Sequence[Linearisation], width_s: float) -> float:
     """The width of the bins in s, larger for long records, so that there are at most `MAX_BINS` of them."""
     total_s = sum(float(record.time_s[-1] - record.time_s[0]) for record in records)
     return max(width_s, total_s / MAX_BINS)
-
-
-def estimate_noise(
-    records: Sequence[Linearisation],
-    model: RigModel,
-    information: Array,
-    score: Array,
-    start: NoiseModel,
-    *,
-    is_first: bool,
-) -> NoiseModel:
-    """The noise model with the largest restricted likelihood.
-
-    information, score : (p, p) and (p,) of what is known besides the readings: priors and readings by a ruler, as the
-    normal equations information delta = score. is_first : waves and turbulence of the start are not used.
-    """
-    noise = start
-    width_s = bin_width(records, NOISE_BIN_S)
-    step_s = min(float(np.median(np.diff(record.time_s))) for record in records)
-    white_sd = WHITE_SD[0] + WHITE_SD[1] * min(step_s, 1.0)
-    sides = sides_of([binned(record, width_s) for record in records], model)
-    normal = [_normal(*sides[side].whitened(noise, side)) for side in (0, 1)]
-    for is_new in (is_first, False):
-        for side in (0, 1):
-            other = normal[1 - side]
-            noise = _best_side(sides[side], side, noise, (information + other[0], score + other[1]), is_new, white_sd)
-            normal[side] = _normal(*sides[side].whitened(noise, side))
-    return noise
-
-
-def _normal(white: Array, logdet: float) -> tuple[Array, Array, float, float]:
-    rows = white.reshape(-1, white.shape[2])
-    product = rows.T @ rows
-    return product[1:, 1:], product[1:, 0], float(product[0, 0]), logdet
-
-
-def _best_side(
-    data: SideData, side: int, noise: NoiseModel, others: tuple[Array, Array], is_first: bool, white_sd: float
-) -> NoiseModel:
-    from scipy.optimize import minimize  # here: a run that fits nothing need not load it
-
-    lower, upper = SIDES[side]
-
-    def with_logs(x: Array) -> NoiseModel:
-        of_each = [list(noise.noise_V), list(noise.wave_V), list(noise.turbulence_cm_sqrt_s)]
-        wave_s = list(noise.wave_s)
-        for at, i in enumerate((lower, upper)):
-            of_each[0][i] = noise.noise_V[i] * exp(x[5 + at])
-            of_each[1][i], of_each[2][i] = noise.noise_V[i] * exp(x[at]), exp(x[2 + at])
-        wave_s[side] = exp(x[4])
-        return NoiseModel(tuple(of_each[0]), tuple(of_each[1]), tuple(wave_s), tuple(of_each[2]))
-
-    def cost(x: Array) -> float:
-        information, score, square, logdet = _normal(*data.whitened(with_logs(x), side))
-        total, right = information + others[0], score + others[1]
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(total), 1e-30))
-        scaled = total * scale[:, None] * scale + 1e-10 * np.eye(len(scale))
-        if not np.isfinite(scaled).all():
-            return HOPELESS
-        try:
-            factor = np.linalg.cholesky(scaled)
-        except np.linalg.LinAlgError:
-            return HOPELESS
-        half = np.linalg.solve(factor, right * scale)
-        determinant = 2.0 * float(np.log(np.diag(factor)).sum())
-        away = float(x[5:] @ x[5:]) / white_sd**2
-        return 0.5 * (square + logdet - float(half @ half) + determinant - 2.0 * float(np.log(scale).sum()) + away)
-
-    bounds = [(log(WAVE_SHARE[0]), log(WAVE_SHARE[1]))] * 2
-    bounds += [(log(TURBULENCE[0]), log(TURBULENCE[1]))] * 2
-    bounds += [(log(WAVE_S[0]), log(WAVE_S[1]))]
-    bounds += [(log(WHITE_SHARE[0]), log(WHITE_SHARE[1]))] * 2
-    wide, narrow = log(0.3), log(0.02)
-    starts = [
-        [wide, wide, log(1e-4), log(1e-4), log(3.0), 0.0, 0.0],
-        [narrow, narrow, log(3e-3), log(3e-3), log(3.0), 0.0, 0.0],
-    ]
-    if not is_first:
-        known = [max(noise.wave_V[i] / noise.noise_V[i], WAVE_SHARE[0]) for i in (lower, upper)]
-        walk = [max(noise.turbulence_cm_sqrt_s[i], TURBULENCE[0]) for i in (lower, upper)]
-        starts = [[*map(log, known), *map(log, walk), log(noise.wave_s[side]), 0.0, 0.0]]
-    options = {"eps": 1e-3, "maxiter": 40, "ftol": 3e-7}
-    best = min(
-        (minimize(cost, start, method="L-BFGS-B", bounds=bounds, options=options) for start in starts),
-        key=lambda result: float(result.fun),
-    )
-    return with_logs(np.asarray(best.x))
 
 
 def root_mean_square(residual_V: Array) -> float:

@@ -13,6 +13,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.core.identification.noise_estimate import estimate_noise
 from hil.core.identification.noise_model import (
     FIT_BIN_S,
     Linearisation,
@@ -20,7 +21,6 @@ from hil.core.identification.noise_model import (
     Whitened,
     bin_width,
     binned,
-    estimate_noise,
     white_noise,
     whitened,
     without_outliers,

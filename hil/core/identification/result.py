@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from math import nan
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.core.identification.noise_model import root_mean_square
 from hil.core.identification.parameters import RigModel
 from hil.core.types import Quad
 
@@ -84,3 +87,12 @@ class Identification:
 
     def __getitem__(self, name: str) -> FittedParameter:
         return next(parameter for parameter in self.parameters if parameter.name == name)
+
+
+def simulation_rmse(predictions: Sequence[Prediction]) -> Quad:
+    """(4,) of all records together; NaN of a sensor without readings."""
+    if not predictions:
+        return nan, nan, nan, nan
+    residual: Array = np.concatenate([one.residuals for one in predictions])
+    r1, r2, r3, r4 = (root_mean_square(residual[:, i]) for i in range(4))
+    return r1, r2, r3, r4

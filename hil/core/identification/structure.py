@@ -8,7 +8,10 @@ same noise model, so that the difference of their sums of squares would be about
 extension that is not there, with a standard deviation of about twice the square root of it. The margin is four times
 that: fewer parameters win where both predict alike. An extension that moves no sensor's prediction by a fifth of the
 noise of one reading (RMS) goes in any case: so small an effect may as well come from something that the model does not
-have, such as turbulence in an empty tank. The cost of the fit itself decides nothing.
+have, such as turbulence in an empty tank. And one goes whose values differ from the file's by no more than chance in
+the fit itself (Wald's statistic within 99.9 % of the chi-squared distribution): with waves and turbulence a held-out
+record may be predicted worse by accident, but then the fit does not see the extension. A better fit alone keeps
+nothing.
 
 Where the records leave basic parameters undetermined (a pump that never moved), a held-out record in which they matter
 can't judge: then, and only then, the fit itself does, with the margin of Schwarz's criterion.
@@ -22,6 +25,7 @@ from math import inf, log, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import gammaincinv
 
 from hil.core.identification.estimate import RigEstimate, estimate
 from hil.core.identification.gauss_newton import minimise
@@ -38,6 +42,7 @@ Array = NDArray[np.float64]
 MARGIN_FIXED, MARGIN_SD = 6.0, 4.0
 REDUCED_STEPS = 6
 NOTICEABLE = 0.2
+SIGNIFICANT = 0.999
 GIVEN_UP_FIRST = ("overflow", "delay", "sensor_gain", "curve", "datum", "sensor_offset", "dead_zone")
 
 
@@ -123,7 +128,8 @@ def choose_structure(
         score = judged(reduced, search.judges, search.noise)
         worse = score.square - now.square
         margin = _margin(current, len(_group(current, file, group)[0]), is_judged)
-        is_needed = worse > margin and score.difference(now, search.noise) > NOTICEABLE
+        is_noticeable = score.difference(now, search.noise) > NOTICEABLE
+        is_needed = worse > margin and is_noticeable and is_significant(current, file, group)
         trace.append((group, worse, is_needed))
         if is_needed:
             settled.add(group)
@@ -131,6 +137,30 @@ def choose_structure(
             kept, current, now = [name for name in kept if name != group], reduced, score
     groups = tuple(group for group in candidates if group in kept)
     return StructureChoice(groups, dict.fromkeys(lost, FIXED), current, tuple(trace))
+
+
+def confirmed(
+    records: Sequence[LevelRecord],
+    chosen: StructureChoice,
+    file: RigModel,
+    choices: Mapping[str, Choice],
+    priors: Priors,
+) -> tuple[tuple[str, ...], Mapping[str, Choice], RigEstimate]:
+    """The extensions that are significant in an estimate with a noise model of its own, the choices, and that estimate.
+
+    The search keeps the noise of the fit with all extensions, which may have taken turbulence for a dead zone.
+    """
+    groups, found = chosen.groups, chosen.estimate
+    while True:
+        base = as_in_file(found.problem.base, file, [group for group in chosen.groups if group not in groups])
+        settled = {**dict.fromkeys(groups, FREE), **choices, **chosen.fixed}
+        near = dict(zip(found.names, found.values.tolist(), strict=True))
+        found = estimate(records, base, settled, priors, near=near)
+        doubtful = [group for group in groups if not is_significant(found, file, group)]
+        if not doubtful:
+            return groups, settled, found
+        weakest = min(doubtful, key=lambda group: evidence(found, file, group))
+        groups = tuple(group for group in groups if group != weakest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,6 +233,12 @@ def evidence(found: RigEstimate, start: RigModel, group: str) -> float:
     at, away = _group(found, start, group)
     block = found.covariance[np.ix_(at, at)]
     return float(away @ np.linalg.pinv(block, hermitian=True) @ away) / max(len(at), 1)
+
+
+def is_significant(found: RigEstimate, file: RigModel, group: str) -> bool:
+    """Whether the values of a group differ from the file's by more than chance explains."""
+    count = len(_group(found, file, group)[0])
+    return count * evidence(found, file, group) > 2.0 * float(gammaincinv(count / 2.0, SIGNIFICANT))
 
 
 def reduced_values(found: RigEstimate, start: RigModel, group: str) -> dict[str, float]:
