@@ -139,7 +139,7 @@ IDLE = ProbeState()
 
 def step(config: ProbeConfig, limits: Limits, probe: ProbeState, at: Occasion, t_s: float, period_s: float) -> Step:
     """One step: the offset and the expected movement for the next one, and the events that announce both ends."""
-    if not config.is_allowed or (probe is IDLE and at.belief.diagnosis.open_question is None):
+    if has_nothing_to_do(config, probe, at.belief.diagnosis):
         return probe, ()
     probe = _follow(_ask(probe, at.belief.diagnosis, t_s), at, period_s)
     if probe.is_moving:
@@ -157,6 +157,11 @@ def step(config: ProbeConfig, limits: Limits, probe: ProbeState, at: Occasion, t
     if reason:
         return _wait(probe, probe.question, reason)
     return _begin(config, limits, probe, probe.question, at, t_s)
+
+
+def has_nothing_to_do(config: ProbeConfig, probe: ProbeState, diagnosis: Diagnosis) -> bool:
+    """Whether a step would change nothing: no probe is allowed, or none is under way and no question is open."""
+    return not config.is_allowed or (probe is IDLE and diagnosis.open_question is None)
 
 
 def reason_to_wait(config: ProbeConfig, limits: Limits, question: OpenQuestion, at: Occasion, t_s: float) -> str:

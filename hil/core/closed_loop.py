@@ -126,6 +126,28 @@ class LoopState:
         """Why the outputs can't be held; "" if they can, or if it is not known for UNSTABLE_S yet."""
         return self.request.problem if self.t_s - self.unstable_since_s >= UNSTABLE_S else ""
 
+    def after(self, last: LastCommand) -> LoopState:
+        """The state with this last command; at every step, a third of the time of `replace`."""
+        return LoopState(
+            started_ns=self.started_ns,
+            stepped_ns=self.stepped_ns,
+            reference_V=self.reference_V,
+            start=self.start,
+            request=self.request,
+            law_memory=self.law_memory,
+            inputs=self.inputs,
+            last=last,
+            estimate=self.estimate,
+            memory=self.memory,
+            diagnosis=self.diagnosis,
+            iae_Vs=self.iae_Vs,
+            drive_V=self.drive_V,
+            raw_V=self.raw_V,
+            under_way=self.under_way,
+            followed=self.followed,
+            unstable_since_s=self.unstable_since_s,
+        )
+
 
 def begin(config: LoopConfig, inputs: Inputs, now_ns: int) -> LoopState:
     """State at the first step in control, which begins the start phase if the levels found need one."""
@@ -232,10 +254,10 @@ def conclude(config: LoopConfig, state: LoopState, inputs: Inputs, command_V: Pa
         excess = _excess(config.pumps, state.drive_V, inputs, given)
         (d1, d2), (w1, w2), (g1, g2) = state.drive_V, state.request.drive_V, given
         given = (g1 - (d1 - w1), g2 - (d2 - w2)) if d1 != w1 or d2 != w2 else given  # less the probe
-        return replace(state, last=LastCommand(given, excess, Authority.LAW))
+        return state.after(LastCommand(given, excess, Authority.LAW))
     last = LastCommand(given, authority=Authority.OPERATOR if mode is Mode.MANUAL else Authority.NOBODY)
     if mode not in (Mode.DISARMED, Mode.READY):
-        return replace(state, last=last)
+        return state.after(last)
     references = RunReferences(config.references, state.start, config.moves)
     known = replace(state.inputs, wanted_V=given, given_V=given, excess_V=last.excess_V, authority=last.authority)
     return replace(state, last=last, law_memory=config.law.start(inputs_of_law(known, references)))

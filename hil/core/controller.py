@@ -116,7 +116,7 @@ def step(
             if problem or is_end:
                 loop_events += (start_phase.ends(problem),)
         supervision, events = supervisor.next_mode(config.limits, state.supervision, inputs, now_ns, belief)
-        if not loop.is_starting:
+        if not loop.is_starting and not active_isolation.has_nothing_to_do(config.probe, probe, loop.diagnosis):
             probe, probe_events = _probe(config, probe, loop, supervision.mode, inputs, belief, period_s)
     events += loop_events + probe_events
     supervision, command = supervisor.safe_command(config.limits, supervision, loop.raw_V, config.loop.period_s)

@@ -12,6 +12,10 @@ from math import exp, isfinite, nan
 from hil.core.tanks import TankModel, level_rates
 from hil.core.types import Measurement, Pair, Quad
 
+ALL = (True, True, True, True)
+NOTHING = (nan, nan, nan, nan)
+"""Without a reading."""
+
 
 @dataclass(frozen=True, slots=True)
 class LevelFilter:
@@ -59,13 +63,14 @@ def step(
     predicted, pump_V = _predict(filter_, estimate, applied_V, effectiveness, period_s)
     k = filter_.model.level_gain_V_cm
     share = 1.0 - exp(-period_s / filter_.filter_s) if filter_.filter_s > 0.0 else 1.0
-    if measurement.readings > 0:
-        y1, y2, y3, y4 = (y if ok else nan for y, ok in zip(measurement.level_V, measurement.valid, strict=True))
-    else:
-        y1 = y2 = y3 = y4 = nan
+    y1, y2, y3, y4 = measurement.level_V if measurement.readings > 0 else NOTHING
+    if measurement.valid != ALL:
+        y1, y2, y3, y4 = (y if ok else nan for y, ok in zip((y1, y2, y3, y4), measurement.valid, strict=True))
     h1, h2, h3, h4 = predicted
     innovation_V = (y1 - k * h1, y2 - k * h2, y3 - k * h3, y4 - k * h4)
-    n1, n2, n3, n4 = (n if isfinite(n) else 0.0 for n in innovation_V)
+    n1, n2, n3, n4 = innovation_V
+    if not isfinite(n1 + n2 + n3 + n4):
+        n1, n2, n3, n4 = (n if isfinite(n) else 0.0 for n in innovation_V)
     gain = share / k
     h1, h2, h3, h4 = h1 + gain * n1, h2 + gain * n2, h3 + gain * n3, h4 + gain * n4
     level_cm = (max(h1, 0.0), max(h2, 0.0), max(h3, 0.0), max(h4, 0.0))
@@ -99,8 +104,8 @@ def _moved(level_cm: Quad, rate_cm_s: Quad, dt: float, height_cm: Quad) -> Quad:
     (h1, h2, h3, h4), (r1, r2, r3, r4), (t1, t2, t3, t4) = level_cm, rate_cm_s, height_cm
     h1, h2, h3, h4 = h1 + dt * r1, h2 + dt * r2, h3 + dt * r3, h4 + dt * r4
     return (
-        min(max(h1, 0.0), t1),
-        min(max(h2, 0.0), t2),
-        min(max(h3, 0.0), t3),
-        min(max(h4, 0.0), t4),
+        0.0 if h1 < 0.0 else t1 if h1 > t1 else h1,
+        0.0 if h2 < 0.0 else t2 if h2 > t2 else h2,
+        0.0 if h3 < 0.0 else t3 if h3 > t3 else h3,
+        0.0 if h4 < 0.0 else t4 if h4 > t4 else h4,
     )

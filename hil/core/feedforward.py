@@ -101,7 +101,14 @@ class PathLimits:
     def without(self, feedback_V: Pair) -> PathLimits:
         """What is left to the path of the drives' ranges, while feedback adds feedback_V (2,), effective."""
         (f1, f2), ((a1, b1), (a2, b2)) = feedback_V, self.drives_V
-        return replace(self, drives_V=((a1 - f1, b1 - f1), (a2 - f2, b2 - f2)))
+        return PathLimits(  # at every step: a third of the time of `replace`
+            drives_V=((a1 - f1, b1 - f1), (a2 - f2, b2 - f2)),
+            rate_V_s=self.rate_V_s,
+            lag_s=self.lag_s,
+            level_max_cm=self.level_max_cm,
+            period_s=self.period_s,
+            delay_s=self.delay_s,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,41 +184,58 @@ def advance(
         path = moved(model, limits, path)
     if estimate_cm is not None:
         path = _following(model, limits, path, target, estimate_cm)
-    return replace(path, drive_V=_drives(model, limits, path, target, rate_cm_s))
+    drive_V = _drives(model, limits, path, target, rate_cm_s)
+    return FeedforwardPath(path.level_cm, path.flow_V, drive_V, path.under_way)
 
 
 def moved(model: TankModel, limits: PathLimits, path: FeedforwardPath) -> FeedforwardPath:
     """The model rig one period later: Heun's rule, with the mean of the lagged drives."""
-    dt, flows, means, queues = limits.period_s, [], [], []
-    for pump in (0, 1):
-        queue = (*path.under_way[pump], path.drive_V[pump])
-        lag, before = limits.lag_s[pump], path.flow_V[pump]
-        decay = exp(-dt / lag) if lag > 0.0 else 0.0
-        flows.append(queue[0] + (before - queue[0]) * decay)
-        means.append(queue[0] + (before - queue[0]) * (1.0 - decay) * lag / dt)
-        queues.append(queue[1:])
-    drive, h = (means[0], means[1]), path.level_cm
+    dt, h, (lag1, lag2), (flow1, flow2) = limits.period_s, path.level_cm, limits.lag_s, path.flow_V
+    arriving1, queue1 = _arriving(path, 0)
+    arriving2, queue2 = _arriving(path, 1)
+    flow1, mean1 = _lagged(arriving1, flow1, lag1, dt)
+    flow2, mean2 = _lagged(arriving2, flow2, lag2, dt)
+    drive = (mean1, mean2)
     first = level_rates(model, h, drive)
     second = level_rates(model, _shifted(model, h, first, dt), drive)
     (a1, a2, a3, a4), (b1, b2, b3, b4) = first, second
     mean = (0.5 * (a1 + b1), 0.5 * (a2 + b2), 0.5 * (a3 + b3), 0.5 * (a4 + b4))
-    return FeedforwardPath(_shifted(model, h, mean, dt), (flows[0], flows[1]), path.drive_V, (queues[0], queues[1]))
+    return FeedforwardPath(_shifted(model, h, mean, dt), (flow1, flow2), path.drive_V, (queue1, queue2))
+
+
+def _arriving(path: FeedforwardPath, pump: int) -> tuple[float, tuple[float, ...]]:
+    """The drive of a pump that arrives in the next period, and those that are under way after it."""
+    waiting = path.under_way[pump]
+    return (waiting[0], (*waiting[1:], path.drive_V[pump])) if waiting else (path.drive_V[pump], ())
+
+
+def _lagged(drive_V: float, before_V: float, lag_s: float, dt: float) -> Pair:
+    """The lagged drive at the end of a period, and its mean. before_V : at its beginning."""
+    decay = exp(-dt / lag_s) if lag_s > 0.0 else 0.0
+    gap = before_V - drive_V
+    return drive_V + gap * decay, drive_V + gap * (1.0 - decay) * lag_s / dt
 
 
 def _shifted(model: TankModel, level_cm: Quad, rate_cm_s: Quad, dt: float) -> Quad:
-    h1, h2, h3, h4 = (
-        min(max(h + dt * rate, 0.0), top) for h, rate, top in zip(level_cm, rate_cm_s, model.height_cm, strict=True)
+    (h1, h2, h3, h4), (r1, r2, r3, r4), (t1, t2, t3, t4) = level_cm, rate_cm_s, model.height_cm
+    h1, h2, h3, h4 = h1 + dt * r1, h2 + dt * r2, h3 + dt * r3, h4 + dt * r4
+    return (
+        0.0 if h1 < 0.0 else t1 if h1 > t1 else h1,
+        0.0 if h2 < 0.0 else t2 if h2 > t2 else h2,
+        0.0 if h3 < 0.0 else t3 if h3 > t3 else h3,
+        0.0 if h4 < 0.0 else t4 if h4 > t4 else h4,
     )
-    return h1, h2, h3, h4
 
 
 def _following(
     model: TankModel, limits: PathLimits, path: FeedforwardPath, target: Target, estimate_cm: Quad
 ) -> FeedforwardPath:
     """The path with lower levels that follow the estimate, as far as they are on their way."""
+    levels, wanted_cm = list(path.level_cm), target.level_cm
+    if abs(wanted_cm[0] - levels[0]) <= ARRIVED_CM and abs(wanted_cm[1] - levels[1]) <= ARRIVED_CM:
+        return path
     share = min(limits.period_s / FOLLOW_S, 1.0)
     rates = level_rates(model, path.level_cm, path.flow_V)
-    levels = list(path.level_cm)
     for output in (0, 1):
         if abs(target.level_cm[output] - levels[output]) > ARRIVED_CM:
             most = MAX_CORRECTION * abs(rates[output]) * limits.period_s
@@ -227,22 +251,23 @@ def _drives(model: TankModel, limits: PathLimits, path: FeedforwardPath, target:
         x = [h - rest for h, rest in zip(path.level_cm, target.level_cm, strict=True)]
         rows = (sum(k * value for k, value in zip(row, x, strict=True)) for row in target.gain)
         wanted = [held - moved for held, moved in zip(target.drive_V, rows, strict=True)]
-    v1, v2 = (_limited(model, limits, path, target, pump, wanted[pump]) for pump in (0, 1))
-    return v1, v2
+    first = _limited(model, limits, path, target, 0, wanted[0])
+    return first, _limited(model, limits, path, target, 1, wanted[1])
 
 
 def _decoupled(
     model: TankModel, limits: PathLimits, path: FeedforwardPath, target: Target, rate_cm_s: Pair
 ) -> list[float]:
-    out = outflows(model, path.level_cm, path.flow_V)
+    out, approach_s = outflows(model, path.level_cm, path.flow_V), max(APPROACH_S, limits.period_s)
     wanted = []
     for i in (0, 1):
-        effect = model.valve_split[i] * model.pump_gain_cm3_Vs[i]
-        hold = (out[i] - model.arriving[i] * out[i + 2] + model.area_cm2[i] * rate_cm_s[i]) / effect
-        ahead = (target.level_cm[i] - path.level_cm[i]) * model.area_cm2[i] / effect
+        effect, area = model.valve_split[i] * model.pump_gain_cm3_Vs[i], model.area_cm2[i]
+        hold = (out[i] - model.arriving[i] * out[i + 2] + area * rate_cm_s[i]) / effect
+        ahead = (target.level_cm[i] - path.level_cm[i]) * area / effect
         ahead -= limits.lag_s[i] * (path.flow_V[i] - hold)
-        ahead -= limits.period_s * sum(drive - hold for drive in path.under_way[i])
-        wanted.append(hold + ahead / max(APPROACH_S, limits.period_s))
+        if path.under_way[i]:
+            ahead -= limits.period_s * sum(drive - hold for drive in path.under_way[i])
+        wanted.append(hold + ahead / approach_s)
     return wanted
 
 
@@ -267,8 +292,7 @@ def _upper_bounds(model: TankModel, limits: PathLimits, path: FeedforwardPath, t
     The output below needs hold = (outflow - what arrives from above) / effect of its own pump, within its range.
     """
     upper, below = UPPER_OF_PUMP[pump], 1 - pump
-    area, outlet, datum = model.area_cm2[upper], model.outlet_cm2[upper], model.datum_cm[upper]
-    per_root = outlet * sqrt(2.0 * model.gravity_cm_s2)
+    area, datum, per_root = model.area_cm2[upper], model.datum_cm[upper], model.outlet_flow[upper]
     per_drive = (1.0 - model.valve_split[pump]) * model.pump_gain_cm3_Vs[pump]
     if per_drive <= 0.0:
         return -np.inf, np.inf

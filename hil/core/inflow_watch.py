@@ -64,22 +64,23 @@ class InflowWatch:
         """(2,) share of what comes by the upper level of each pump that its voltage explains; 1 while it is learned."""
         if self.learned == (0.0, 0.0):
             return 1.0, 1.0
-        first, second = (
-            min(given * sent / came, 1.0) if came > given * sent > 0.0 else 1.0
-            for given, sent, came in zip(self.given, self.sent_cm3_s, self.came_cm3_s, strict=True)
-        )
-        return first, second
+        return self._counted(0), self._counted(1)
+
+    def _counted(self, pump: int) -> float:
+        explained, came = self.given[pump] * self.sent_cm3_s[pump], self.came_cm3_s[pump]
+        return min(explained / came, 1.0) if came > explained > 0.0 else 1.0
 
     def possible_cm(self, model: TankModel, level_cm: Quad, diagnosis: Diagnosis) -> Pair:
         """(2,) the levels that the lower tanks may have, in cm; -inf where nothing speaks against those given."""
-        first, second = (
-            (level_cm[tank] + model.datum_cm[tank]) * max(self.ratio[tank] / self.learned[tank], 1.0) ** 2
-            - model.datum_cm[tank]
-            if diagnosis.trusted[tank] and self.ratio[tank] > MIN_RATIO * self.learned[tank] > 0.0
-            else -inf
-            for tank in range(2)
-        )
-        return first, second
+        trusted = diagnosis.trusted
+        first = self._possible_cm(model, level_cm, 0) if trusted[0] else -inf
+        return first, self._possible_cm(model, level_cm, 1) if trusted[1] else -inf
+
+    def _possible_cm(self, model: TankModel, level_cm: Quad, tank: int) -> float:
+        ratio, learned, datum_cm = self.ratio[tank], self.learned[tank], model.datum_cm[tank]
+        if not ratio > MIN_RATIO * learned > 0.0:
+            return -inf
+        return (level_cm[tank] + datum_cm) * max(ratio / learned, 1.0) ** 2 - datum_cm
 
 
 def watch_inflow(
@@ -97,7 +98,8 @@ def watch_inflow(
     see `filling_watch`; what is learned is so much smaller.
     """
     period_s = (now_ns - watch.watched_ns) * 1e-9
-    begins = any(alarm.isolated_s is not None for alarm in diagnosis.new_alarms)
+    alarms = diagnosis.new_alarms
+    begins = bool(alarms) and any(alarm.isolated_s is not None for alarm in alarms)
     if watch.level_cm is None or period_s <= 0.0 or begins:
         return InflowWatch(level_cm=level_cm, watched_ns=now_ns)
     age_s = watch.age_s + period_s
@@ -109,8 +111,8 @@ def watch_inflow(
     given = _given(came_cm3_s, sent_cm3_s) if age_s <= LEARN_PUMPS_S else watch.given
     weight = min(period_s / min(max(age_s - LEARN_PUMPS_S, period_s), SMOOTHING_S), 1.0)
     low, high = RANGE
-    now1, now2 = (min(max(now, low), high) for now in _ratios(model, balance, watch.counted, level_cm))
-    ratio = _smoothed(watch.ratio, (now1, now2), weight)
+    now1, now2 = _ratios(model, balance, watch.counted, level_cm)
+    ratio = _smoothed(watch.ratio, (min(max(now1, low), high), min(max(now2, low), high)), weight)
     learned = watch.learned
     if learned == (0.0, 0.0) and age_s >= LEARN_S:
         learned = (ratio[0] / risen[0], ratio[1] / risen[1])
@@ -133,11 +135,13 @@ def _given(came_cm3_s: Pair, sent_cm3_s: Pair) -> Pair:
 
 def _ratios(model: TankModel, balance: WaterBalance, counted: Pair, level_cm: Quad) -> Pair:
     """(2,) inflow less change of volume, over the outflow of a clean outlet. counted : (2,) see InflowWatch."""
-    ratios = []
-    for tank, other in ((0, 1), (1, 0)):
-        split = model.valve_split[tank]
-        by_level = split / max(1.0 - split, 1e-3) * balance.upper_inflow[other]  # this pump's other tank
-        inflow = counted[tank] * by_level + counted[other] * balance.outflow[2 + tank]
-        clean = clean_outflow(model, tank, max(level_cm[tank], MIN_LEVEL_CM))
-        ratios.append((inflow - balance.growth[tank]) / clean)
-    return ratios[0], ratios[1]
+    (g1, g2), (c1, c2), (into3, into4) = model.valve_split, counted, balance.upper_inflow
+    _, _, out3, out4 = balance.outflow
+    by_level1 = g1 / max(1.0 - g1, 1e-3) * into4  # pump 1 sends the rest to tank 4
+    by_level2 = g2 / max(1.0 - g2, 1e-3) * into3
+    clean1 = clean_outflow(model, 0, max(level_cm[0], MIN_LEVEL_CM))
+    clean2 = clean_outflow(model, 1, max(level_cm[1], MIN_LEVEL_CM))
+    return (
+        (c1 * by_level1 + c2 * out3 - balance.growth[0]) / clean1,
+        (c2 * by_level2 + c1 * out4 - balance.growth[1]) / clean2,
+    )

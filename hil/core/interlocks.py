@@ -192,8 +192,8 @@ def _will_overflow(limits: Limits, s: Situation) -> bool:
     if max(s.level_cm) > limits.level_max_cm:
         return True
     peaks_cm = peak_levels(limits.model, limits.lag_s, s.level_cm, s.pump_V, s.open_share)
-    heights_cm = limits.model.height_cm
-    return any(peaks_cm[tank] > heights_cm[tank] - limits.rim_margin_cm for tank in range(4))
+    (p1, p2, p3, p4), (t1, t2, t3, t4), margin = peaks_cm, limits.model.height_cm, limits.rim_margin_cm
+    return p1 > t1 - margin or p2 > t2 - margin or p3 > t3 - margin or p4 > t4 - margin
 
 
 def _describe_levels(s: Situation) -> str:

@@ -26,6 +26,7 @@ NOISE_STDS = 6.0
 FORGET_S = 60.0
 """Time constant with which a sudden rise is forgotten while the sensor is trusted: it was no fault."""
 
+ALL = (True, True, True, True)
 NONE = (-inf, -inf, -inf, -inf)
 """No sensor that is not trusted shows a level."""
 
@@ -48,22 +49,28 @@ def watch_readings(
 ) -> LiveLevels:
     """Update with this step's readings. max_V : (2,) the largest drive of each pump."""
     readings, sudden, times = list(live.reading_cm), list(live.sudden_cm), list(live.read_ns)
-    rises, falls = fastest_changes(model, max_V)
+    level_V, valid, gain = measurement.level_V, measurement.valid, model.level_gain_V_cm
     for tank in range(4):
-        now_cm = measurement.level_V[tank] / model.level_gain_V_cm
-        if not measurement.valid[tank] or not isfinite(now_cm):
+        now_cm = level_V[tank] / gain
+        if not valid[tank] or not isfinite(now_cm):
             continue
         if isfinite(readings[tank]):
             period_s = (now_ns - times[tank]) * 1e-9
             noise_cm = _noise_cm(model, measurement, tank)
             change_cm = now_cm - readings[tank]
-            if change_cm > rises[tank] * period_s + noise_cm or -change_cm > falls[tank] * period_s + noise_cm:
+            if abs(change_cm) > noise_cm and _is_too_fast(model, max_V, tank, change_cm, period_s, noise_cm):
                 sudden[tank] = max(sudden[tank] + change_cm, 0.0)
-            if trusted[tank]:
+            if trusted[tank] and sudden[tank] != 0.0:
                 sudden[tank] *= exp(-period_s / FORGET_S)
         readings[tank], times[tank] = now_cm, now_ns
     (r1, r2, r3, r4), (s1, s2, s3, s4), (t1, t2, t3, t4) = readings, sudden, times
     return LiveLevels(reading_cm=(r1, r2, r3, r4), sudden_cm=(s1, s2, s3, s4), read_ns=(t1, t2, t3, t4))
+
+
+def _is_too_fast(model: TankModel, max_V: Pair, tank: int, change_cm: float, period_s: float, noise_cm: float) -> bool:
+    """Whether water can't have changed a level by so much in period_s."""
+    rises, falls = fastest_changes(model, max_V)
+    return change_cm > rises[tank] * period_s + noise_cm or -change_cm > falls[tank] * period_s + noise_cm
 
 
 def live_levels_cm(model: TankModel, live: LiveLevels, measurement: Measurement, diagnosis: Diagnosis) -> Quad:
@@ -73,6 +80,8 @@ def live_levels_cm(model: TankModel, live: LiveLevels, measurement: Measurement,
     contain the same.
     """
     valid, trusted, refuted = measurement.valid, diagnosis.trusted, diagnosis.refuted
+    if trusted == ALL:
+        return NONE
     own_cm = [proven_V / model.level_gain_V_cm for proven_V in diagnosis.proven_V]
     h1, h2, h3, h4 = (
         live.reading_cm[i] - max(live.sudden_cm[i], own_cm[i]) if valid[i] and not (trusted[i] or refuted[i]) else -inf

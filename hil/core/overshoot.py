@@ -97,8 +97,7 @@ def watch(model: TankModel, outlets: Outlets, level_cm: Quad, pump_V: Pair, now_
 
 def _drain_s(model: TankModel, tank: int, level_cm: float) -> float:
     """Time in which a tank without inflow runs empty, s."""
-    speed = model.outlet_cm2[tank] * sqrt(2.0 * model.gravity_cm_s2)
-    return 2.0 * model.area_cm2[tank] * _root(level_cm, model.datum_cm[tank]) / speed
+    return 2.0 * model.area_cm2[tank] * _root(level_cm, model.datum_cm[tank]) / model.outlet_flow[tank]
 
 
 def _root(level_cm: float, datum_cm: float) -> float:

@@ -118,6 +118,8 @@ class UnderWay:
 
     def largest(self) -> Pair:
         """(2,) the largest drive of each pump that is still under way; 0 V if none is."""
+        if not self.pieces:
+            return NONE
         first = max((drive[0] for _, _, drive in self.pieces), default=0.0)
         return first, max((drive[1] for _, _, drive in self.pieces), default=0.0)
 

@@ -34,6 +34,12 @@ class StateFeedback:
     standby_V: tuple[float | None, float | None] = (None, None)
     problem: str = ""
 
+    def around(self, level_cm: Quad, drive_V: Pair, target_V: Pair) -> StateFeedback:
+        """The same feedback around another point; it keeps `pump_gain`, which does not depend on that."""
+        moved = object.__new__(StateFeedback)
+        vars(moved).update(vars(self), operating_level_cm=level_cm, operating_V=drive_V, target_V=target_V)
+        return moved
+
     @property
     def is_dead(self) -> tuple[bool, bool]:
         """Whether pump 1, pump 2 is dead."""
@@ -117,6 +123,7 @@ def advance_integral(
 
 def _level_part(law: StateFeedback, level_cm: Quad) -> Pair:
     """K_x x in V."""
-    x1, x2, x3, x4 = (h - h0 for h, h0 in zip(level_cm, law.operating_level_cm, strict=True))
+    (h1, h2, h3, h4), (o1, o2, o3, o4) = level_cm, law.operating_level_cm
+    x1, x2, x3, x4 = h1 - o1, h2 - o2, h3 - o3, h4 - o4
     (a1, a2, a3, a4), (b1, b2, b3, b4) = law.gains.levels_V_cm
     return a1 * x1 + a2 * x2 + a3 * x3 + a4 * x4, b1 * x1 + b2 * x2 + b3 * x3 + b4 * x4

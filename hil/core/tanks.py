@@ -17,7 +17,7 @@ arrives below (`arriving`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import sqrt
 
 import numpy as np
@@ -38,7 +38,8 @@ class TankModel:
 
     area_cm2, outlet_cm2 : (4,) A_i and a_i. pump_gain_cm3_Vs : (2,) k_j. valve_split : (2,) gamma_j in (0, 1).
     level_gain_V_cm : k_c of the level signals. height_cm : (4,) of the rims. gravity_cm_s2 : g. datum_cm : (4,) d_i.
-    arriving : (2,) share of the outflow of tanks 3 and 4 that arrives in tanks 1 and 2.
+    arriving : (2,) share of the outflow of tanks 3 and 4 that arrives in tanks 1 and 2. outlet_flow : (4,)
+    a_i sqrt(2 g), from the others: it is needed several times at every step.
     """
 
     area_cm2: Quad = (28.0, 32.0, 28.0, 32.0)
@@ -50,6 +51,11 @@ class TankModel:
     gravity_cm_s2: float = 981.0
     datum_cm: Quad = (0.0, 0.0, 0.0, 0.0)
     arriving: Pair = (1.0, 1.0)
+    outlet_flow: Quad = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        (a1, a2, a3, a4), s = self.outlet_cm2, sqrt(2.0 * self.gravity_cm_s2)
+        object.__setattr__(self, "outlet_flow", (a1 * s, a2 * s, a3 * s, a4 * s))
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,31 +98,32 @@ def level_rates(model: TankModel, level_cm: Quad, pump_V: Pair) -> Quad:
 
 def outflows(model: TankModel, level_cm: Quad, pump_V: Pair) -> Quad:
     """(4,) what flows out of each tank, cm^3/s; an empty one lets out what flows in, as far as its datum draws it."""
-    a1, a2, a3, a4 = model.outlet_cm2
+    f1, f2, f3, f4 = model.outlet_flow
     d1, d2, d3, d4 = model.datum_cm
     h1, h2, h3, h4 = level_cm
-    s = sqrt(2.0 * model.gravity_cm_s2)
-    out3 = a3 * s * sqrt(h3 + d3) if h3 > 0.0 else 0.0
-    out4 = a4 * s * sqrt(h4 + d4) if h4 > 0.0 else 0.0
-    out1 = a1 * s * sqrt(h1 + d1) if h1 > 0.0 else 0.0
-    out2 = a2 * s * sqrt(h2 + d2) if h2 > 0.0 else 0.0
-    if model.datum_cm != NO_DATUM and min(level_cm) <= 0.0:
+    if h1 > 0.0 and h2 > 0.0 and h3 > 0.0 and h4 > 0.0:
+        return f1 * sqrt(h1 + d1), f2 * sqrt(h2 + d2), f3 * sqrt(h3 + d3), f4 * sqrt(h4 + d4)
+    out3 = f3 * sqrt(h3 + d3) if h3 > 0.0 else 0.0
+    out4 = f4 * sqrt(h4 + d4) if h4 > 0.0 else 0.0
+    out1 = f1 * sqrt(h1 + d1) if h1 > 0.0 else 0.0
+    out2 = f2 * sqrt(h2 + d2) if h2 > 0.0 else 0.0
+    if model.datum_cm != NO_DATUM:
         (k1, k2), (g1, g2) = model.pump_gain_cm3_Vs, model.valve_split
         q1, q2 = k1 * pump_V[0], k2 * pump_V[1]
         if h3 <= 0.0:
-            out3 = min(a3 * s * sqrt(d3), (1.0 - g2) * q2)
+            out3 = min(f3 * sqrt(d3), (1.0 - g2) * q2)
         if h4 <= 0.0:
-            out4 = min(a4 * s * sqrt(d4), (1.0 - g1) * q1)
+            out4 = min(f4 * sqrt(d4), (1.0 - g1) * q1)
         if h1 <= 0.0:
-            out1 = min(a1 * s * sqrt(d1), out3 + g1 * q1)
+            out1 = min(f1 * sqrt(d1), out3 + g1 * q1)
         if h2 <= 0.0:
-            out2 = min(a2 * s * sqrt(d2), out4 + g2 * q2)
+            out2 = min(f2 * sqrt(d2), out4 + g2 * q2)
     return out1, out2, out3, out4
 
 
 def clean_outflow(model: TankModel, tank: int, level_cm: float) -> float:
     """Flow out of a tank with water in it through its clean outlet, cm^3/s. tank : 0..3."""
-    return model.outlet_cm2[tank] * sqrt(2.0 * model.gravity_cm_s2) * sqrt(level_cm + model.datum_cm[tank])
+    return model.outlet_flow[tank] * sqrt(level_cm + model.datum_cm[tank])
 
 
 @dataclass(frozen=True, slots=True)

@@ -79,7 +79,8 @@ class PathFollower:
         periods = round(inputs.period_s / limits.period_s)
         if inputs.authority is Authority.LAW or inputs.period_s <= 0.0:
             k, (rate1, rate2) = model.level_gain_V_cm, inputs.references.rate(inputs.t_s)
-            f1, f2 = (0.0 if dead else added for added, dead in zip(feedback_V, base.is_dead, strict=True))
+            (f1, f2), (dead1, dead2) = feedback_V, base.is_dead
+            f1, f2 = 0.0 if dead1 else f1, 0.0 if dead2 else f2
             estimate_cm, left = inputs.estimate.level_cm, limits.without((f1, f2))
             path = feedforward.advance(model, left, path, target, estimate_cm, (rate1 / k, rate2 / k), periods)
         else:
@@ -124,12 +125,8 @@ class PathFollower:
 def with_path(base: StateFeedback, state: PathState) -> StateFeedback:
     """The feedback around the path."""
     k, path = state.model.level_gain_V_cm, state.path
-    return replace(
-        base,
-        operating_level_cm=path.level_cm,
-        operating_V=path.drive_V,
-        target_V=(k * path.level_cm[0], k * path.level_cm[1]),
-    )
+    level_cm = path.level_cm
+    return base.around(level_cm, path.drive_V, (k * level_cm[0], k * level_cm[1]))
 
 
 def feedback_part(feedback: StateFeedback, integral_Vs: Pair, level_cm: Quad) -> Pair:
