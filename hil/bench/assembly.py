@@ -312,6 +312,7 @@ def safety_limits(rig: Rig) -> Limits:
         bypass_max_s=safety.bypass_max_s,
         pumps=path,
         unknown_fault_max_s=safety.unknown_fault_max_s,
+        unattended_s=safety.unattended_s,
     )
 
 

@@ -12,6 +12,8 @@ from math import inf, isfinite, nan
 
 from hil.core import active_isolation, closed_loop, start_goal, start_phase, supervisor
 from hil.core.active_isolation import IDLE, NO_PROBE, Occasion, ProbeConfig, ProbeState
+from hil.core.alarm_list import AlarmList
+from hil.core.attendance import Attendance, unattended, watch_attendance
 from hil.core.closed_loop import LoopConfig, LoopState
 from hil.core.control_law import FeedbackRecord
 from hil.core.dry_watch import DryWatch, watch_dry
@@ -75,12 +77,17 @@ class Monitors:
 
 @dataclass(frozen=True, slots=True)
 class ControllerState:
-    """State of the supervisor; of the loop, the monitors and the probe, from the first step in control on."""
+    """State of the supervisor; of the loop, the monitors and the probe, from the first step in control on.
+
+    alarms : what an operator has to look at. attendance : whether somebody is there.
+    """
 
     supervision: Supervision = field(default_factory=Supervision)
     loop: LoopState | None = None
     monitors: Monitors = field(default_factory=Monitors)
     probe: ProbeState = IDLE
+    alarms: AlarmList = field(default_factory=AlarmList)
+    attendance: Attendance = field(default_factory=Attendance)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +104,8 @@ def step(
 ) -> tuple[ControllerState, Output]:
     """One step at now_ns (monotonic). The command is always safe. The caller answers an exception with `fail`."""
     loop, monitors, probe = state.loop, state.monitors, state.probe
+    attendance = state.attendance
+    attendance_events: tuple[Event, ...] = ()
     probe_events: tuple[Event, ...] = ()
     if loop is None:
         supervision, events = supervisor.next_mode(config.limits, state.supervision, inputs, now_ns)
@@ -109,6 +118,9 @@ def step(
         period_s = (now_ns - loop.stepped_ns) * 1e-9
         loop, loop_events = closed_loop.step(config.loop, loop, inputs, now_ns, probe)
         monitors, belief = _observe(config, monitors, loop, inputs.measurement, now_ns)
+        if config.limits.asks_for_operator:
+            attendance, attendance_events = watch_attendance(attendance, config.limits, inputs.is_attended, loop.t_s)
+            belief = replace(belief, unattended=unattended(attendance, state.alarms, config.limits, loop.t_s))
         if loop.start is not None and state.supervision.mode.is_controlling:
             is_end = state.loop is not None and state.loop.is_starting and not loop.is_starting
             problem = _start_problem(config, loop, monitors, state.supervision.command_V, is_end=is_end)
@@ -118,20 +130,23 @@ def step(
         supervision, events = supervisor.next_mode(config.limits, state.supervision, inputs, now_ns, belief)
         if not loop.is_starting and not active_isolation.has_nothing_to_do(config.probe, probe, loop.diagnosis):
             probe, probe_events = _probe(config, probe, loop, supervision.mode, inputs, belief, period_s)
-    events += loop_events + probe_events
+    events += loop_events + probe_events + attendance_events
     supervision, command = supervisor.safe_command(config.limits, supervision, loop.raw_V, config.loop.period_s)
     if loop.is_starting or supervision.stopped_by == TripCause.START_FAILED:
         command = replace(command, start_phase=True)
     record = _record(config, loop, supervision.mode, inputs, command.voltage_V, events, state.probe.offset_V)
     loop = closed_loop.conclude(config.loop, loop, inputs, command.voltage_V, supervision.mode)
-    new = ControllerState(supervision=supervision, loop=loop, monitors=monitors, probe=probe)
+    alarms = state.alarms.take_all(events, loop.t_s) if events else state.alarms
+    new = ControllerState(supervision, loop, monitors, probe, alarms, attendance)
     return new, Output(command=command, events=events, record=record)
 
 
 def fail(state: ControllerState, cause: TripCause, text: str) -> tuple[ControllerState, Output]:
     """State and output for a step that raised an exception: trip, 0 V in the same step."""
     supervision, events = supervisor.trip(state.supervision, cause, text)
-    return replace(state, supervision=supervision), Output(command=supervisor.OFF, events=events, record=None)
+    t_s = 0.0 if state.loop is None else state.loop.t_s
+    failed = replace(state, supervision=supervision, alarms=state.alarms.take_all(events, t_s))
+    return failed, Output(command=supervisor.OFF, events=events, record=None)
 
 
 def will_be_cleared(config: ControllerConfig, state: ControllerState) -> bool:

@@ -39,6 +39,7 @@ class Limits:
     for how long the applied voltages may differ from the echoed command. dead_below : a pump with less effectiveness is
     dead. dry_run_V : two dead pumps, one driven above this voltage, run dry. bypass_max_s : the longest bypass.
     unknown_fault_max_s : for how long a run goes on while something is wrong that no known fault explains.
+    unattended_s, attended_s : see `attendance`.
     """
 
     range_V: Pair
@@ -65,6 +66,13 @@ class Limits:
     bypass_max_s: float
     pumps: PumpPath = STRAIGHT
     unknown_fault_max_s: float = 60.0
+    unattended_s: float = 0.0
+    attended_s: float = 0.0
+
+    @property
+    def asks_for_operator(self) -> bool:
+        """Whether a run that nobody watches has to stop."""
+        return self.unattended_s > 0.0 or self.attended_s > 0.0
 
     @property
     def max_drives(self) -> Pair:
@@ -81,6 +89,7 @@ class Belief:
     diagnosis. open_share : (2,) see `overshoot.Outlets`. live_cm : (4,) see `live_levels`. law_problem : why the law
     can't hold the outputs; "" if it can. start_problem : why the start phase has failed; "" if it has not.
     possible_cm : (2,) of the lower tanks, see `inflow_watch`; None before the first. is_dry : see `dry_watch`.
+    unattended : why nobody watches the run, see `attendance`; "" if somebody does.
     """
 
     diagnosis: Diagnosis = NO_FAULT
@@ -93,6 +102,7 @@ class Belief:
     start_problem: str = ""
     possible_cm: Pair | None = None
     is_dry: bool = False
+    unattended: str = ""
 
 
 NO_BELIEF = Belief()
@@ -105,7 +115,7 @@ class Situation:
     level_cm : (4,) of `levels_cm`. pump_V : (2,) the most that a pump may still deliver, as the drive of a nominal
     pump. mismatch_s : how long the applied voltages have differed from the echoed command. open_share : (2,) of the
     lower tanks' outlets. live_cm : (4,) levels of sensors that are not trusted, -inf for others. law_problem,
-    start_problem, possible_cm, is_dry : of the belief.
+    start_problem, possible_cm, is_dry, unattended : of the belief.
     """
 
     inputs: Inputs
@@ -119,6 +129,7 @@ class Situation:
     start_problem: str
     possible_cm: Pair | None
     is_dry: bool
+    unattended: str = ""
 
 
 class Reaction(Enum):
@@ -399,6 +410,13 @@ INTERLOCKS: tuple[Interlock, ...] = (
         lambda m, s: m.stops_on_lost_lower_level and not all(s.diagnosis.trusted[:2]),
         "the level sensor of a lower tank is lost",
         Reaction.STOP,
+    ),
+    Interlock(
+        TripCause.UNATTENDED,
+        lambda _, s: bool(s.unattended),
+        "nobody watches the run",
+        Reaction.STOP,
+        detail=lambda s: s.unattended,
     ),
 )
 """In the order in which a trip names its cause when several are active."""

@@ -276,6 +276,7 @@ def _situation(limits: Limits, state: Supervision, inputs: Inputs, now_ns: int, 
         start_problem=belief.start_problem,
         possible_cm=belief.possible_cm,
         is_dry=belief.is_dry,
+        unattended=belief.unattended,
     )
 
 

@@ -71,6 +71,7 @@ class TripCause(StrEnum):
     START_FAILED = "start_failed"
     ESTIMATOR_DIVERGED = "estimator_diverged"
     UNKNOWN_FAULT = "unknown_fault"
+    UNATTENDED = "unattended"
     BUS_FAILED = "bus_failed"
     CONTROLLER_FAILED = "controller_failed"
 
@@ -202,7 +203,10 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
-    """The inputs of a control step, besides its state and the time."""
+    """The inputs of a control step, besides its state and the time.
+
+    is_attended : whether an operator has sent any request since the last step.
+    """
 
     measurement: Measurement
     pumps: PumpFeedback
@@ -211,6 +215,7 @@ class Inputs:
     timing: Timing = Timing()
     stop_requested: bool = False
     requests: tuple[Request, ...] = ()
+    is_attended: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,6 +17,7 @@ import numpy as np
 from hil.core.sensors import signal_gain
 from hil.core.types import Mode
 from hil.edge.record.run_folder import Manifest, RunFolder, RunFolderError, RunPlan, Window, write_atomically
+from hil.review.alarm_load import AlarmLoad, alarm_load
 from hil.review.alarms import Injected, injected, judge, merged
 from hil.review.parameter_drift import drift_of_run, hours_since_file, parameters_json
 from hil.review.ticks import Floats, LoggedEvent, Ticks, read
@@ -50,9 +51,9 @@ class Kpi:
 
     alarms : one entry for each reported fault, see `hil.review.alarms.Finding`. false_alarms : those before the first
     fault, spurious_alarms : later ones that report no fault of the scenario; None where its faults are not known.
-    iae_after_fault_Vs : from the first fault's onset to the end of its window, or of the run. overflow : a level
-    reached the rim. dry_run : a pump ran without water. applied_out_of_range : a pump's voltage was outside the rig
-    file's range.
+    alarm_load : see `hil.review.alarm_load`. iae_after_fault_Vs : from the first fault's onset to the end of its
+    window, or of the run. overflow : a level reached the rim. dry_run : a pump ran without water.
+    applied_out_of_range : a pump's voltage was outside the rig file's range.
 
     parameters : what the run says of the rig file, for each gain, split and outlet that its movement determines: file,
     estimate, sd, shift_sd (in standard deviations of both), per_hour. parameters_note : why there are none.
@@ -86,6 +87,7 @@ class Kpi:
     recorder_queue_max: Finite
     recorder: dict[str, Any]
     speed_x: float | None
+    alarm_load: AlarmLoad
     parameters: dict[str, dict[str, Finite]] = field(default_factory=dict)
     parameters_note: str = "not looked at"
 
@@ -154,6 +156,7 @@ def evaluate(manifest: Manifest, ticks: Ticks, events: Sequence[LoggedEvent], sp
         recorder_queue_max=_peak(ticks.get("recorder_queue")),
         recorder=dict(manifest.recorder),
         speed_x=manifest.speed_x if speed_x is None else speed_x,
+        alarm_load=alarm_load(events, min(first_s, 0.0), _last(ticks["t_s"])),
     )
 
 

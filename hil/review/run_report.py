@@ -15,6 +15,7 @@ from hil.core.counted import counted
 from hil.core.fault_kinds import FaultKind
 from hil.edge.record.run_folder import Manifest, RunFolder, write_atomically
 from hil.review import page, run_figures, table3
+from hil.review.alarm_attention import attention
 from hil.review.alarm_table import alarm_table
 from hil.review.alarms import Injected, injected
 from hil.review.drift_section import drift_section, with_recorded
@@ -70,6 +71,9 @@ def render(run: Run, other: Run | None = None) -> str:
             page.section("Table 3 of the paper", _paper_table(runs) if is_papers else ""),
             page.section("Integral of the absolute error", "" if is_papers else _iae_table(runs)),
             page.section("Alarms and trips", alarm_table([(one.name, one.kpi, one.ticks) for one in runs])),
+            page.section(
+                "Attention asked for", "".join(attention(one.name, one.kpi.alarm_load, one.events) for one in runs)
+            ),
             page.section("Is the rig file still right?", drift_section(run.manifest, run.kpi)),
             page.section("Figures", _figures(run, other)),
             page.section("Events", _event_table(run.events)),

@@ -3,6 +3,7 @@
 import ast
 import re
 import tomllib
+from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from firmware_sim.frames import Rejection as NodeRejection
 from firmware_sim.pump_node import PumpNode
 from hil.cli import exit_codes, result_table
 from hil.conformance import suite
+from hil.core.alarm_catalogue import EVENT_BY_CODE, FAULT_BY_KIND, TRIP_BY_CAUSE, Explanation
 from hil.core.interlocks import INTERLOCKS
 from hil.core.types import TripCause
 from hil.doctor import check_echo, check_frames, check_host, check_ramp, check_sensors, check_watchdog
@@ -73,13 +75,25 @@ def test_every_cause_of_a_trip_is_explained_once() -> None:
 
 def test_settings_named_for_a_trip_are_the_rig_file_s() -> None:
     rig = tomllib.loads((ROOT / "config/rig.toml").read_text())
-    for _, what, _ in rows_of("how-to/operating.md", "cause"):
+    for _, what, _, _ in rows_of("how-to/operating.md", "cause"):
         section = ""
         for name in re.findall(r"`([a-zA-Z_.]+)(?: = [^`]*)?`", what):
             section, _, key = name.rpartition(".") if "." in name else (section, "", name)
             if section == "bench":
                 continue  # bench.dbc
             assert key in rig[section], f"{name} in {what!r}"
+
+
+@pytest.mark.parametrize(
+    ("heading", "explained"), [("cause", TRIP_BY_CAUSE), ("kind", FAULT_BY_KIND), ("event", EVENT_BY_CODE)]
+)
+def test_alarms_are_explained_in_the_same_words(heading: str, explained: Mapping[str, Explanation]) -> None:
+    rows = {plain(row[0]): row[1:] for row in rows_of("how-to/operating.md", heading)}
+    assert list(rows) == list(explained)
+    for name, row in explained.items():
+        time = f"{row.respond_s:g} s" if row.respond_s < 120.0 else f"{row.respond_s / 60.0:g} min"
+        words = [re.sub(r"\[([^]]+)\]\([^)]*\)", r"\1", cell).replace("**", "") for cell in rows[name]]
+        assert words == [row.cause, row.action, f"{row.priority.value}, {time}"]
 
 
 def event_codes() -> set[object]:

@@ -110,6 +110,7 @@ def test_trips_stand_before_stops() -> None:
         TripCause.NO_STABLE_LAW,
         TripCause.START_FAILED,
         TripCause.SENSORS_LOST,
+        TripCause.UNATTENDED,
     ]
 
 
@@ -448,6 +449,14 @@ def test_a_lost_lower_level_stops_the_run_if_so_configured(sensor: int) -> None:
     else:
         assert state.mode is Mode.DEGRADED
     assert after(off, believing(lost))[0].mode is Mode.DEGRADED
+
+
+def test_a_run_that_nobody_watches_stops() -> None:
+    why = "no request of an operator for 120 s"
+    state, events = after(HEALTHY, believing(unattended=why))
+    assert (state.mode, state.cause, state.stopped_by) == (Mode.STOPPING, None, "unattended")
+    assert events[0].text == f"stopping: nobody watches the run: {why}"
+    assert after(HEALTHY, believing(unattended=""))[0].mode is Mode.RUNNING
 
 
 # counters and echoes

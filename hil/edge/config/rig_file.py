@@ -196,6 +196,7 @@ class Safety(Section):
     dead_pump: Literal["continue", "stop"]
     lost_lower_level: Literal["continue", "stop"]
     unknown_fault_max_s: NotNegative = 60.0
+    unattended_s: NotNegative = 0.0
     dry_run_V: NotNegative
     bypass_max_s: Annotated[float, Field(gt=0.0, le=MAX_BYPASS_S, allow_inf_nan=False)]
     arm_timeout_s: Positive
