@@ -162,7 +162,9 @@ def _mains() -> dict[str, Callable[[], None]]:
     import hil.cli.conformance_command
     import hil.cli.doctor_command
     import hil.cli.run_display
+    import hil.core.identification.estimate
     import hil.edge.can.slcan_bus
+    import hil.review.run_report
     from hil.core.diagnosis.glr.__main__ import compile_ahead
 
     compile_ahead()

@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
 
-import control
 import numpy as np
 
 from hil.bench.design_figures import LOSSES
@@ -121,6 +120,8 @@ def _feedback(K: Array, size: int) -> Array:
 
 def _of_pump(A: Array, B: Array, F: Array, pump: int, period_s: float) -> tuple[float, float, float]:
     """Gain margins up and down, and the delay margin in s, with the other pump's loop closed."""
+    import control  # a second that only `hil design` has to wait for
+
     other = 1 - pump
     opened = A - np.outer(B[:, other], F[other])
     part = np.outer(B[:, pump], F[pump])

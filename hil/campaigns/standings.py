@@ -24,7 +24,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import rankdata
 
 from hil.campaigns.contests import Contest, Entrant
 from hil.campaigns.row import Row
@@ -52,6 +51,8 @@ class _Ballot:
 
 def standings(runs: Runs, noise_window: str) -> Standings:
     """The standings of a benchmark's runs. noise_window : name of the window whose noise counts."""
+    from scipy.stats import rankdata  # half a second that other commands need not wait for
+
     seeds = tuple(sorted({contest.case.seed for contest, _ in runs}))
     draws = np.random.default_rng(0).integers(0, len(seeds), (DRAWS, len(seeds)))
     of_courses: list[Standing] = []

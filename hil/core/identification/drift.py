@@ -17,7 +17,6 @@ from math import hypot, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.core.identification.estimate import estimate
 from hil.core.identification.parameters import PARAMETERS, Choice, RigModel, values_of
 from hil.core.identification.records import LevelRecord
 from hil.core.uncertainty import Uncertainty
@@ -84,6 +83,8 @@ def drift_of(record: LevelRecord, file: RigModel, uncertainty: Uncertainty) -> D
     why = _too_little(record)
     if why:
         return Drift((), ALL_CHECKED, why)
+    from hil.core.identification.estimate import estimate  # compiled code: a short run need not load it
+
     was = values_of(file)
     choices = {name: Choice("prior", PRIOR * was[name]) for name in ALL_CHECKED}
     for lag in ("lag1", "lag2"):

@@ -1,7 +1,7 @@
 """Linear-quadratic state feedback with integral action.
 
-The gain K of u = -K [h - h0; q], q' = r - y, minimises the integral of x'Qx + u'Ru; python-control solves the Riccati
-equation (`control.lqr`). Textbook: K. J. Åström and R. M. Murray, Feedback Systems, Princeton University Press 2008:
+The gain K of u = -K [h - h0; q], q' = r - y, minimises the integral of x'Qx + u'Ru: K = R^-1 B'P, where scipy solves
+the Riccati equation for P. Textbook: K. J. Åström and R. M. Murray, Feedback Systems, Princeton University Press 2008:
 it has a state feedback with integral action and the feedforward of the reference.
 
 `reference_weight` is how much of a change of reference goes to the pumps at once, because the operating point moves;
@@ -13,8 +13,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import control
 import numpy as np
+from scipy.linalg import solve_continuous_are
 
 from hil.core import state_feedback
 from hil.core.control_law import Authority, FeedbackRecord, LawInputs, LawRequest
@@ -43,10 +43,10 @@ class LinearQuadraticDesign:
         A, B = augment(linear)
         Q = np.diag([self.lower_weight] * 2 + [self.upper_weight] * 2 + [self.integral_weight] * 2)
         try:
-            K = control.lqr(A, B, Q, self.drive_weight * np.eye(2))[0]
-        except (control.ControlException, np.linalg.LinAlgError) as error:
+            P = solve_continuous_are(A, B, Q, self.drive_weight * np.eye(2))
+        except np.linalg.LinAlgError as error:
             raise DesignError(f"the Riccati equation has no stabilising solution here: {error}") from None
-        return Gains.from_matrix(np.asarray(K, dtype=float))
+        return Gains.from_matrix(B.T @ P / self.drive_weight)
 
 
 @dataclass(frozen=True, slots=True)
