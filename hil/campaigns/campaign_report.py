@@ -76,11 +76,24 @@ def _cards(rows: Sequence[Row]) -> str:
             ("at most, with 97.5 % confidence", "–" if rate.high_h is None else f"{rate.high_h:.3g}"),
             ("faults found", f"{_share(sum(bool(row.detected) for row in asked), len(asked))}"),
             ("and named rightly", f"{_share(sum(bool(row.right) for row in asked), len(asked))}"),
+            ("alarms for an operator in 10 min: mean, most in a run", _alarms(rows)),
+            ("runs with a flood of alarms, with a chattering one", _floods(rows)),
             ("runs that broke an invariant", str(sum(bool(row.breaks) for row in rows))),
             ("runs that tripped", str(sum(bool(row.trip_cause) for row in rows))),
             ("processor time a control step", "–" if not steps else f"{1e6 * cpu_s / steps:.0f} µs"),
         ]
     )
+
+
+def _alarms(rows: Sequence[Row]) -> str:
+    windows = sum(max(row.hours * 6.0, 1.0) for row in rows)
+    if not rows:
+        return "–"
+    return f"{sum(row.alarm_count for row in rows) / windows:.2g}, {max(row.alarm_peak_10_min for row in rows)}"
+
+
+def _floods(rows: Sequence[Row]) -> str:
+    return f"{sum(row.alarm_floods > 0 for row in rows)}, {sum(row.alarm_chattering > 0 for row in rows)}"
 
 
 def _invariants(rows: Sequence[Row]) -> str:

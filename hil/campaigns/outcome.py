@@ -18,8 +18,10 @@ from hil.campaigns.row import CRASHED, Elapsed, Row
 from hil.core.types import NAMELESS, Pair, Quad
 from hil.edge.record.run_folder import Window
 from hil.loop import Outcome as Ending
+from hil.review.alarm_load import alarm_load
 from hil.review.alarms import Finding, Injected, Judgement, injected, judge, merged
 from hil.review.kpi import absolute_error_integral, after_fault_window, dry_run
+from hil.review.ticks import LoggedEvent
 
 PUMP_LOSS = "pump_effectiveness"
 Bound = Callable[[Case], float | None]
@@ -76,6 +78,7 @@ def evaluate(
         **_errors(bench, seen, faults),
         **_safety(bench, seen, rest, faults),
         **_ending(seen, ending),
+        **_attention(seen, run_s),
         "windows_json": _json(control_figures.of_windows(seen, bench.windows, bench.level_gain_V_cm, bench.period_s)),
     }
     return Row(
@@ -264,6 +267,17 @@ def _ending(seen: Observations, ending: Ending) -> dict[str, Any]:
         "frames_lost": ending.frames_lost,
         "status": ending.status,
         "reason": ending.reason,
+    }
+
+
+def _attention(seen: Observations, run_s: float) -> dict[str, Any]:
+    happened = (LoggedEvent(t_s, event.severity, event.code, event.text, event.data) for t_s, event in seen.events)
+    load = alarm_load(happened, 0.0, run_s)
+    return {
+        "alarm_count": load.count,
+        "alarm_peak_10_min": load.peak_10_min,
+        "alarm_floods": len(load.floods),
+        "alarm_chattering": len(load.chattering),
     }
 
 

@@ -42,6 +42,7 @@ class Row:
     neither false nor spurious. windows_json : figures of the scenario's windows, see `control_figures`. held : all
     faults are named as they are, or are among the candidates of an alarm that is still open, and nothing else is named.
     grown_s, named_s : of growing faults, see `growing`.
+    alarm_* : how much the run asks an operator to look at, see `hil.review.alarm_load`.
     healthy_h : hours before the first fault of the process. spilled_cm3 : what went over a rim.
     overflow to crashed : the invariants, true where broken; broken : in words. wall_s, cpu_s : elapsed time, and
     processor time, which other programs don't lengthen.
@@ -104,6 +105,10 @@ class Row:
     drawn_json: str = "{}"
     honest_alarms: int = 0
     windows_json: str = "{}"
+    alarm_count: int = 0
+    alarm_peak_10_min: int = 0
+    alarm_floods: int = 0
+    alarm_chattering: int = 0
 
     @property
     def breaks(self) -> tuple[str, ...]:

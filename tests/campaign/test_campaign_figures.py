@@ -93,6 +93,19 @@ def test_a_fault_under_the_number_of_an_honest_alarm_is_found() -> None:
     assert (known.right, known.false_alarms) == (False, 1), "on a rig that is known the first alarm is false"
 
 
+def test_a_run_says_how_much_it_asks_an_operator_to_look_at() -> None:
+    def alarm(number: int, t_s: float) -> tuple[float, Event]:
+        return t_s, Event(Severity.WARNING, "alarm", "", asdict(Alarm(t_s, "leak", 1, 0.3, number=number)))
+
+    few = judged(replace(seen(), events=(alarm(1, 1.0), alarm(1, 2.0), alarm(2, 3.0))))
+    assert (few.alarm_count, few.alarm_peak_10_min, few.alarm_floods, few.alarm_chattering) == (2, 2, 0, 0)
+    many = judged(replace(seen(), events=tuple(alarm(number, 0.5 * number) for number in range(1, 12))))
+    assert (many.alarm_count, many.alarm_floods) == (11, 1)
+    text = render("some", [few, many])
+    assert "6.5, 11" in text
+    assert "1, 0" in text
+
+
 def test_a_healthy_run_breaks_nothing() -> None:
     one = judged(seen())
     assert (one.breaks, one.broken, one.level_max_cm) == ((), "", 10.0)
