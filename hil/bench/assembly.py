@@ -272,7 +272,7 @@ def run_plan(bench: Bench, *, is_live: bool, seed: int | None) -> RunPlan:
         windows=tuple(Window(w.name, w.from_s, w.to_s) for w in bench.scenario.window),
         reconfigure=bench.scenario.control.reconfigure,
         settings=settings,
-        copies={_copy_name(bench, file): read_text(file) for file in files},
+        copies={_copy_name(bench, file): read_text(file) for file in files} | _trajectories(bench),
         shown=bench.shown,
     )
 
@@ -282,6 +282,12 @@ def _copy_name(bench: Bench, file: Path) -> str:
     if file == bench.scenario_path:
         return f"scenarios/{file.name}"
     return "rig.toml" if file == bench.rig_path else file.name
+
+
+def _trajectories(bench: Bench) -> dict[str, str]:
+    """Copies of the references' CSV files, by names relative to which the scenario's copy finds them."""
+    named = [reference.file for reference in bench.scenario.reference if reference.file is not None]
+    return {f"scenarios/{name}": read_text(bench.scenario_path.parent / name) for name in named}
 
 
 def safety_limits(rig: Rig) -> Limits:

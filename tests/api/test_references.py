@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import hil
+from hil.bench.assembly import run_plan
 from hil.bench.reference_plan import reference_plan
 from hil.core.reference_path import RunReferences
 
@@ -100,3 +101,19 @@ def test_a_ramp_is_followed_without_lag_and_announced_once(tmp_path: Path) -> No
         error_V = series[f"r{output}_V"] - 0.5 * series[f"true_h{output}_cm"]
         assert np.abs(error_V[later]).max() < 0.02
     assert [event.data.get("move_s") for event in result.events if event.code == "reference"] == [5.0]
+
+
+def test_the_copies_of_a_run_have_its_trajectory(tmp_path: Path) -> None:
+    """They used to have the scenario alone, so that its run could not be repeated from its folder."""
+    lines = "t_s,y1_V,y2_V\n1,5.2,6.1\n"
+    (tmp_path / "paths").mkdir()
+    (tmp_path / "paths/course.csv").write_text(lines, encoding="utf-8")
+    given = references(tmp_path, '[[reference]]\nat_s = 2.0\nfile = "paths/course.csv"\n')
+    copies = run_plan(hil.load(tmp_path / "scenario.toml"), is_live=False, seed=1).copies
+    assert copies["scenarios/paths/course.csv"] == lines
+    again = tmp_path / "again"
+    for name, text in copies.items():
+        (again / name).parent.mkdir(parents=True, exist_ok=True)
+        (again / name).write_text(text, encoding="utf-8")
+    bench = hil.load(again / "scenarios/scenario.toml")
+    assert reference_plan(bench.scenario, bench.rig, str(bench.scenario_path)) == (given.schedule, given.moves)

@@ -1,7 +1,10 @@
 """The feedforward of the state feedback: it keeps the path of `hil.core.feedforward` over changes of all kinds.
 
 the reference changes      the path goes on from where it is, to the new target
-a pump's effectiveness     the path goes on, within what is left of the pumps
+a pump's effectiveness     a large change, and while it is refined: the path begins anew from the lower levels estimated
+                           and the flows that the pumps have now, and leads back within what is left of them. So the
+                           integrals learn nothing of a loss. Otherwise, and where the outputs can't be moved each by
+                           its own pump, the path goes on
 tanks as found             the path keeps its lower levels; upper levels and drives move by as much as those that hold
                            the target
 what feedback adds         is left to it of the pumps' ranges: on a rig weaker than its file the path is slower
@@ -81,11 +84,20 @@ class PathFollower:
             k, (rate1, rate2) = model.level_gain_V_cm, inputs.references.rate(inputs.t_s)
             (f1, f2), (dead1, dead2) = feedback_V, base.is_dead
             f1, f2 = 0.0 if dead1 else f1, 0.0 if dead2 else f2
-            estimate_cm, left = inputs.estimate.level_cm, limits.without((f1, f2))
+            estimate_cm: Quad | None = inputs.estimate.level_cm
+            left = limits.without((f1, f2))
+            if self._is_replanned(state, found, target, inputs):
+                path = _from_the_rig(path, model, limits, base, inputs, (f1, f2))
+                estimate_cm, periods = None, 0
             path = feedforward.advance(model, left, path, target, estimate_cm, (rate1 / k, rate2 / k), periods)
         else:
             path = self._taken_along(path, model, limits, base, inputs, feedback_V)
         return PathState(path, target, target_V, model, limits, found)
+
+    def _is_replanned(self, state: PathState, found: Found, target: Target, inputs: LawInputs) -> bool:
+        """Whether the path begins anew from where the rig is: a large change of a pump, and its refinements."""
+        is_large = inputs.t_s <= inputs.followed.refined_until_s
+        return is_large and found[0] != state.found[0] and target.gain is None and inputs.period_s > 0.0
 
     def _taken_along(
         self,
@@ -120,6 +132,26 @@ class PathFollower:
             return before.target, target_V
         gain = before.target.gain if before is not None and is_moving and model is before.model else None
         return Target(level_cm, drive_V, gain or feedforward.coupled_gain(model, level_cm)), target_V
+
+
+def _from_the_rig(
+    path: FeedforwardPath,
+    model: TankModel,
+    limits: PathLimits,
+    base: StateFeedback,
+    inputs: LawInputs,
+    feedback_V: Pair,
+) -> FeedforwardPath:
+    """The path from the lower levels and pump flows as they are, with what is left of the pumps."""
+    (t1, t2), (v1, v2), (p1, p2) = base.effectiveness, inputs.given_V, inputs.estimate.pump_V
+    moved = feedforward.moved(model, limits, path)
+    h1, h2, _, _ = inputs.estimate.level_cm
+    return replace(
+        moved,
+        level_cm=(h1, h2, *moved.level_cm[2:]),
+        flow_V=(t1 * p1 - feedback_V[0], t2 * p2 - feedback_V[1]),
+        drive_V=(t1 * v1 - feedback_V[0], t2 * v2 - feedback_V[1]),
+    )
 
 
 def with_path(base: StateFeedback, state: PathState) -> StateFeedback:

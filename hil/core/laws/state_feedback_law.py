@@ -8,6 +8,7 @@ for the last one. With feedforward the feedback acts on the deviation from a pat
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import isfinite
 
 from hil.core import state_feedback
 from hil.core.control_law import Authority, FeedbackRecord, LawInputs, LawRequest
@@ -23,6 +24,10 @@ from hil.core.types import Event, Pair, Quad, Severity, Waterways
 REGAIN_V = 0.25
 """On a ramp the gains are computed again each time that the reference has moved so far."""
 
+SMOOTHED = 0.15
+"""With a path, levels are fed back with this share of their difference to what the model predicts taken away: that much
+less noise of the readings reaches the pumps. The integrals take the readings as they are, so that no offset is left."""
+
 Task = tuple[Pair, Pair, Pair | None, Waterways | None]
 """Reference, effectiveness, valve splits and waterways that a state feedback is computed for."""
 
@@ -32,8 +37,8 @@ class FeedbackMemory:
     """What the law remembers between two steps.
 
     feedback : in force at the last step. base : the same, as it is at the end of a start phase. task : what it was
-    computed for. integral_Vs, level_cm : integrals and levels of the last step. waterways : those followed then. path :
-    of the feedforward, at rest during a start phase.
+    computed for. integral_Vs, level_cm : integrals and levels fed back at the last step. lower_cm : (2,) lower levels
+    that the integrals compare. waterways : those followed then. path : of the feedforward, at rest in a start phase.
     """
 
     feedback: StateFeedback
@@ -41,6 +46,7 @@ class FeedbackMemory:
     task: Task
     integral_Vs: Pair
     level_cm: Quad
+    lower_cm: Pair
     waterways: Waterways | None = None
     path: PathState | None = None
 
@@ -79,11 +85,12 @@ class StateFeedbackLaw:
         integral = (0.0, 0.0)
         if inputs.given_V != (0.0, 0.0):
             integral = state_feedback.bumpless_integral(feedback, inputs.level_cm, inputs.given_V)
-        return FeedbackMemory(feedback, base, task, integral, inputs.level_cm, inputs.followed.waterways, path)
+        level_cm, lower_cm = inputs.level_cm, inputs.level_cm[:2]
+        return FeedbackMemory(feedback, base, task, integral, level_cm, lower_cm, inputs.followed.waterways, path)
 
     def step(self, memory: FeedbackMemory, inputs: LawInputs) -> tuple[FeedbackMemory, LawRequest]:
         """The drives wanted. A change of gains or operating point is bumpless."""
-        integral, level_cm = self.advanced(memory, inputs), inputs.level_cm
+        integral, level_cm = self.advanced(memory, inputs), self._fed_back(inputs)
         base, task = memory.base, self._task(memory, inputs)
         if task != memory.task:
             base = self.reconfiguration.law(*task)
@@ -98,7 +105,8 @@ class StateFeedbackLaw:
             if ways is not None and not feedback.problem:
                 integral = self.reconfiguration.settling_integral(feedback, ways, level_cm)
         effective_V = state_feedback.effective_voltage(feedback, integral, level_cm)
-        new = FeedbackMemory(feedback, base, task, integral, level_cm, inputs.followed.waterways, path)
+        waterways, lower_cm = inputs.followed.waterways, inputs.level_cm[:2]
+        new = FeedbackMemory(feedback, base, task, integral, level_cm, lower_cm, waterways, path)
         y1, y2 = feedback.target_V
         target_V, held_V = feedback.target_V, feedback.operating_V
         if path is not None and not self._is_on_start_ramp(inputs):
@@ -126,13 +134,24 @@ class StateFeedbackLaw:
         if inputs.authority is Authority.OPERATOR:
             (theta1, theta2), (drive1, drive2) = feedback.effectiveness, inputs.given_V
             return state_feedback.bumpless_integral(feedback, level_cm, (theta1 * drive1, theta2 * drive2))
-        k, (h1, h2, _, _) = self.model.level_gain_V_cm, level_cm
+        k, (h1, h2) = self.model.level_gain_V_cm, memory.lower_cm
         error = (feedback.target_V[0] - k * h1, feedback.target_V[1] - k * h2)
         excess = inputs.excess_V
         if feedback.standby_V != (None, None):
             effective = state_feedback.effective_voltage(feedback, integral, level_cm)
             excess = state_feedback.undelivered(feedback, effective, excess)
         return state_feedback.advance_integral(feedback, integral, error, excess, self.period_s, self.anti_windup_s)
+
+    def _fed_back(self, inputs: LawInputs) -> Quad:
+        """(4,) levels to feed back, cm. A sensor that is not trusted has no innovation; its level is the model's."""
+        if self.follower is None:
+            return inputs.level_cm
+        share = SMOOTHED / self.model.level_gain_V_cm
+        h1, h2, h3, h4 = (
+            h - share * innovation if isfinite(innovation) else h
+            for h, innovation in zip(inputs.level_cm, inputs.estimate.innovation_V, strict=True)
+        )
+        return h1, h2, h3, h4
 
     def check(self, reference_V: Pair) -> None:
         """There is a feedback for the reference, and it stabilises the rig with healthy pumps.
