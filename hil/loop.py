@@ -13,6 +13,7 @@ from typing import Any, Literal, Protocol
 
 from hil.core import supervisor
 from hil.core.controller import ControllerConfig, Output
+from hil.core.live_request import LiveRequest
 from hil.core.steps import ScenarioSteps, Steps, StepState
 from hil.core.types import Command, Event, Inputs, Mode, NodeState, Quad, Severity, TickRecord, Timing, TripCause
 from hil.wire.command_sender import CommandSender
@@ -63,6 +64,18 @@ class Recorder(Protocol):
         ...
 
 
+class OperatorChannel(Protocol):
+    """Brings an operator's requests and shows the run; no method may block or raise."""
+
+    def requests(self) -> tuple[LiveRequest, ...]:
+        """Those for this step: a few at most."""
+        ...
+
+    def show(self, inputs: Inputs, output: Output, state: Any, now_ns: int) -> tuple[Event, ...]:
+        """What was done in this step; events for the record."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """How a run ended, at which run time, and what became of its commands. begun_s : run time of the first step."""
@@ -82,6 +95,7 @@ class ControlLoop:
     config : of a scenario's controller; or the steps of something else, such as a phase of an experiment.
     true_level_cm : the emulator's levels for the record, where they can be known. on_tick : watches every step.
     clock_ns : tells when a command has gone out; without it, it went out at the step's own time.
+    operator : who may change the run while it goes on.
     """
 
     def __init__(
@@ -97,6 +111,7 @@ class ControlLoop:
         true_level_cm: Callable[[], Quad] | None = None,
         on_tick: Callable[[Inputs, Output, Mode], None] | None = None,
         clock_ns: Callable[[], int] | None = None,
+        operator: OperatorChannel | None = None,
     ) -> None:
         self._steps: Steps = ScenarioSteps(config) if isinstance(config, ControllerConfig) else config
         self._sender = CommandSender(contract)
@@ -108,6 +123,7 @@ class ControlLoop:
         self._true_level_cm = true_level_cm
         self._on_tick = on_tick
         self._clock_ns = clock_ns
+        self._operator = operator
         self._state: StepState = self._steps.start()
         self._waiting_since_ns: int | None = None
         self._ending_since_ns: int | None = None
@@ -133,8 +149,9 @@ class ControlLoop:
         """Step, encode, write, record. `outcome` is set once the run is over and the pumps are known to be off."""
         inputs = self._inputs(now_ns, timing, bool(stop_reason))
         must_stay_silent = self._must_stay_silent()
+        asked = self._operator.requests() if self._operator is not None else ()
         try:
-            self._state, output = self._steps.step(self._state, inputs, now_ns)
+            self._state, output = self._steps.step(self._state, inputs, now_ns, asked)
             data = b"" if must_stay_silent else self._sender.encode(self._with_clearing(output, inputs), now_ns)
         except Exception as error:  # noqa: BLE001 - whatever a step raises, this tick sends 0 V
             text = f"{type(error).__name__}: {error}"
@@ -143,7 +160,7 @@ class ControlLoop:
         if data:
             self._send(data, now_ns)
         self._record(output)
-        self._show(inputs, output)
+        self._show(inputs, output, now_ns)
         self._settle(inputs, now_ns, stop_reason)
 
     def _must_stay_silent(self) -> bool:
@@ -190,18 +207,29 @@ class ControlLoop:
         for event in output.events:
             self._recorder.event(self._t_s, event)
 
-    def _show(self, inputs: Inputs, output: Output) -> None:
-        """Call the watcher with the step; if it raises, the run goes on without it."""
+    def _show(self, inputs: Inputs, output: Output, now_ns: int) -> None:
+        """Call the watcher and the operator's channel with the step; if one raises, the run goes on without it."""
         noted, self._noted = self._noted, ()
-        if self._on_tick is None:
+        if self._on_tick is None and self._operator is None:
             return
         if noted:
             output = replace(output, events=noted + output.events)
         try:
-            self._on_tick(inputs, output, self._state.supervision.mode)
+            if self._on_tick is not None:
+                self._on_tick(inputs, output, self._state.supervision.mode)
         except Exception as error:  # noqa: BLE001 - an error of a display must not stop the run
             self._on_tick = None
             self._recorder.event(self._t_s, Event(Severity.WARNING, "watcher_failed", f"no more display: {error}"))
+        if self._operator is None:
+            return
+        try:
+            events = self._operator.show(inputs, output, self._state, now_ns)
+        except Exception as error:  # noqa: BLE001 - nor an error of the channel
+            self._operator = None
+            text = f"the control channel has failed: {type(error).__name__}: {error}"
+            events = (Event(Severity.WARNING, "control_lost", text),)
+        for event in events:
+            self._recorder.event(self._t_s, event)
 
     def _settle(self, inputs: Inputs, now_ns: int, stop_reason: str) -> None:
         """Decide whether the run is over: disarmed for too long, or pumps known to be off after a stop or a trip."""

@@ -33,7 +33,7 @@ from hil.edge.config.scenario_file import DiagnosisChoice, OperatorRequest, Scen
 from hil.edge.config.settings_file import SettingsError, default_config_dir, read_text
 from hil.edge.config.shipped import find_rig, find_scenario
 from hil.edge.record.run_folder import RunPlan, Window
-from hil.loop import ControlLoop, Port, Recorder
+from hil.loop import ControlLoop, OperatorChannel, Port, Recorder
 from hil.wire.contract import Contract, ContractError
 
 Watcher = Callable[[Inputs, Output, Mode], None]
@@ -209,6 +209,7 @@ def make_loop(
     true_level_cm: Callable[[], Quad] | None = None,
     on_tick: Watcher | None = None,
     clock_ns: Callable[[], int] | None = None,
+    operator: OperatorChannel | None = None,
 ) -> ControlLoop:
     """The control loop of a bench on an open port, for any clock. Keyword arguments: see `ControlLoop`."""
     return ControlLoop(
@@ -222,6 +223,7 @@ def make_loop(
         true_level_cm=true_level_cm,
         on_tick=on_tick,
         clock_ns=clock_ns,
+        operator=operator,
     )
 
 

@@ -9,12 +9,14 @@ from functools import partial
 
 from hil import runtime
 from hil.bench.assembly import Bench, Watcher, controller_config, make_loop, run_plan
+from hil.bench.control_settings import open_channel
 from hil.bench.live_warnings import live_warnings
 from hil.bench.open_record import open_record
 from hil.bench.run_options import RunOptions, timeline_settings
 from hil.bench.run_record import RunRecord, figures_of, removed_if_not_opened
 from hil.core.types import Event, Severity
 from hil.edge.can.bus import BusAddress, BusPort
+from hil.edge.control.control_channel import ControlChannel
 from hil.edge.host import realtime
 from hil.edge.host.clock import MonotonicClock, StopSignal
 from hil.edge.host.realtime import RealTime
@@ -36,23 +38,33 @@ def run_live(
     clock = MonotonicClock()
     with ExitStack() as stack:
         recorder = stack.enter_context(ProcessRecorder())
+        channel = stack.enter_context(ControlChannel())
         port = BusPort(address.open(bench.contract.ids))
         stack.callback(port.close)
         folder = RunFolder.create(options.out, run_plan(bench, is_live=True, seed=None))
         timeline = timeline_settings(bench, config, options)
         with removed_if_not_opened(folder):
+            no_channel = open_channel(channel, bench, config, folder, options)
             recorder.open(folder, partial(open_record, folder, timeline, options.realtime is not None))
         record = stack.enter_context(RunRecord(recorder, port))
-        for warning in live_warnings(bench):
+        for warning in (*live_warnings(bench), *no_channel):
             _warn(warning, recorder)
         loop = make_loop(
-            bench, config, port, recorder, clear_trip=options.clear_trip, on_tick=on_tick, clock_ns=clock.now_ns
+            bench,
+            config,
+            port,
+            recorder,
+            clear_trip=options.clear_trip,
+            on_tick=on_tick,
+            clock_ns=clock.now_ns,
+            operator=channel,
         )
         stop = stack.enter_context(StopSignal())
         asked = [] if options.realtime is None else [_real_time(stack, options.realtime, recorder)]
         record.outcome = runtime.run(
             loop, port, clock, config.loop.period_s, lambda: stop.received.name if stop.received else "", *asked
         )
+        channel.close(record.outcome.t_s, f"{record.outcome.status}: {record.outcome.reason}")
     return figures_of(folder, recorder, record.outcome), record.outcome
 
 

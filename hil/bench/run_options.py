@@ -19,6 +19,7 @@ class RunOptions:
     """How to run, whatever the scenario says.
 
     seed : of the emulator's noise. rerun : whether to write run.rrd. realtime : what to request of the system, live.
+    control : where a live run listens; None: in its folder.
     """
 
     out: Path
@@ -27,6 +28,7 @@ class RunOptions:
     rerun: bool = True
     clear_trip: bool = False
     realtime: RealTime | None = None
+    control: Path | None = None
 
 
 def default_folder(name: str, now: datetime) -> Path:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from math import inf, isfinite, nan
 
-from hil.core import active_isolation, closed_loop, start_goal, start_phase, supervisor
+from hil.core import active_isolation, closed_loop, live_operation, start_goal, start_phase, supervisor
 from hil.core.active_isolation import IDLE, NO_PROBE, Occasion, ProbeConfig, ProbeState
 from hil.core.alarm_list import AlarmList
 from hil.core.attendance import Attendance, unattended, watch_attendance
@@ -21,6 +21,8 @@ from hil.core.filling_watch import FillingWatch, watch_filling
 from hil.core.inflow_watch import NOT_RISEN, InflowWatch, watch_inflow
 from hil.core.interlocks import Belief, Limits
 from hil.core.live_levels import NONE, LiveLevels, live_levels_cm, watch_readings
+from hil.core.live_operation import UNTOUCHED, LiveState, Operation
+from hil.core.live_request import LiveAnswer, LiveRequest
 from hil.core.overshoot import Outlets, watch
 from hil.core.reference_path import TIME_TOLERANCE_S
 from hil.core.start_phase import Doubts
@@ -79,7 +81,8 @@ class Monitors:
 class ControllerState:
     """State of the supervisor; of the loop, the monitors and the probe, from the first step in control on.
 
-    alarms : what an operator has to look at. attendance : whether somebody is there.
+    alarms : what an operator has to look at. attendance : whether somebody is there. operation : what an operator has
+    changed while the run goes on.
     """
 
     supervision: Supervision = field(default_factory=Supervision)
@@ -88,21 +91,54 @@ class ControllerState:
     probe: ProbeState = IDLE
     alarms: AlarmList = field(default_factory=AlarmList)
     attendance: Attendance = field(default_factory=Attendance)
+    operation: Operation = UNTOUCHED
 
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """The command to send, the events of this step, and the record once the run's time has begun."""
+    """The command to send, the events of this step, and the record once the run's time has begun.
+
+    answers : to the requests that an operator has sent while the run goes on.
+    """
 
     command: Command
     events: tuple[Event, ...]
     record: TickRecord | None
+    answers: tuple[LiveAnswer, ...] = ()
 
 
 def step(
+    config: ControllerConfig,
+    state: ControllerState,
+    inputs: Inputs,
+    now_ns: int,
+    asked: tuple[LiveRequest, ...] = (),
+) -> tuple[ControllerState, Output]:
+    """One step at now_ns (monotonic). The command is always safe. The caller answers an exception with `fail`.
+
+    asked : by an operator since the last step, while the run goes on.
+    """
+    if not asked:
+        return _step(_with_operation(config, state.operation), state, inputs, now_ns)
+    before = LiveState(state.operation, state.alarms, state.loop, state.supervision)
+    taken = live_operation.take(config.loop, config.limits, before, asked, now_ns)
+    state = replace(state, operation=taken.operation, alarms=taken.alarms)
+    inputs = replace(inputs, requests=inputs.requests + taken.requests, is_attended=True)
+    new, output = _step(_with_operation(config, taken.operation), state, inputs, now_ns)
+    replies, events = live_operation.settle(taken, new.supervision, output.events)
+    events += tuple(event for _, event in replies)
+    record = None if output.record is None else replace(output.record, events=events)
+    return new, Output(output.command, events, record, tuple(answer for answer, _ in replies))
+
+
+def _with_operation(config: ControllerConfig, operation: Operation) -> ControllerConfig:
+    """The configuration with the references as the operator has changed them."""
+    return config if operation.loop is None else replace(config, loop=operation.loop)
+
+
+def _step(
     config: ControllerConfig, state: ControllerState, inputs: Inputs, now_ns: int
 ) -> tuple[ControllerState, Output]:
-    """One step at now_ns (monotonic). The command is always safe. The caller answers an exception with `fail`."""
     loop, monitors, probe = state.loop, state.monitors, state.probe
     attendance = state.attendance
     attendance_events: tuple[Event, ...] = ()
@@ -110,11 +146,13 @@ def step(
     if loop is None:
         supervision, events = supervisor.next_mode(config.limits, state.supervision, inputs, now_ns)
         if not supervision.mode.is_controlling:
-            return ControllerState(supervision), Output(command=supervisor.OFF, events=events, record=None)
+            return ControllerState(supervision, operation=state.operation), Output(
+                command=supervisor.OFF, events=events, record=None
+            )
         loop = closed_loop.begin(config.loop, inputs, now_ns)
         loop, loop_events = closed_loop.step(config.loop, loop, inputs, now_ns)
     else:
-        inputs = _with_schedule(config, loop, inputs, now_ns)
+        inputs = _with_schedule(config, loop, state.operation, inputs, now_ns)
         period_s = (now_ns - loop.stepped_ns) * 1e-9
         loop, loop_events = closed_loop.step(config.loop, loop, inputs, now_ns, probe)
         monitors, belief = _observe(config, monitors, loop, inputs.measurement, now_ns)
@@ -129,7 +167,9 @@ def step(
                 loop_events += (start_phase.ends(problem),)
         supervision, events = supervisor.next_mode(config.limits, state.supervision, inputs, now_ns, belief)
         if not loop.is_starting and not active_isolation.has_nothing_to_do(config.probe, probe, loop.diagnosis):
-            probe, probe_events = _probe(config, probe, loop, supervision.mode, inputs, belief, period_s)
+            probe, probe_events = _probe(
+                config, probe, loop, supervision.mode, inputs, belief, period_s, state.operation
+            )
     events += loop_events + probe_events + attendance_events
     supervision, command = supervisor.safe_command(config.limits, supervision, loop.raw_V, config.loop.period_s)
     if loop.is_starting or supervision.stopped_by == TripCause.START_FAILED:
@@ -137,7 +177,7 @@ def step(
     record = _record(config, loop, supervision.mode, inputs, command.voltage_V, events, state.probe.offset_V)
     loop = closed_loop.conclude(config.loop, loop, inputs, command.voltage_V, supervision.mode)
     alarms = state.alarms.take_all(events, loop.t_s) if events else state.alarms
-    new = ControllerState(supervision, loop, monitors, probe, alarms, attendance)
+    new = ControllerState(supervision, loop, monitors, probe, alarms, attendance, state.operation)
     return new, Output(command=command, events=events, record=record)
 
 
@@ -153,14 +193,16 @@ def will_be_cleared(config: ControllerConfig, state: ControllerState) -> bool:
     """Whether a request to clear a trip is still scheduled within the run's duration."""
     if state.loop is None or state.supervision.stopped_by:
         return False
-    t_s = _run_time_s(state.loop, state.loop.stepped_ns) + TIME_TOLERANCE_S
+    t_s = state.operation.scenario_s(_run_time_s(state.loop, state.loop.stepped_ns)) + TIME_TOLERANCE_S
     return any(t_s < at_s < config.duration_s and request.action is Action.CLEAR for at_s, request in config.requests)
 
 
 def is_over(config: ControllerConfig, state: ControllerState) -> bool:
     """Whether the run has reached its duration."""
     loop = state.loop
-    return loop is not None and _run_time_s(loop, loop.stepped_ns) >= config.duration_s - TIME_TOLERANCE_S
+    if loop is None:
+        return False
+    return state.operation.scenario_s(_run_time_s(loop, loop.stepped_ns)) >= config.duration_s - TIME_TOLERANCE_S
 
 
 def _observe(
@@ -233,6 +275,7 @@ def _probe(
     inputs: Inputs,
     belief: Belief,
     period_s: float,
+    operation: Operation,
 ) -> tuple[ProbeState, tuple[Event, ...]]:
     """One step of the probe, with what it needs to know."""
     t_s = _run_time_s(loop, loop.stepped_ns)
@@ -246,7 +289,7 @@ def _probe(
         raw_V=loop.raw_V,
         reference_s=t_s if is_moving else max(past, default=-inf),
         next_reference_s=min(coming, default=inf),
-        end_s=config.duration_s,
+        end_s=operation.run_s(config.duration_s),
     )
     return active_isolation.step(config.probe, config.limits, probe, at, t_s, period_s)
 
@@ -274,13 +317,18 @@ def _run_time_s(loop: LoopState, now_ns: int) -> float:
     return (now_ns - loop.started_ns) * 1e-9
 
 
-def _with_schedule(config: ControllerConfig, loop: LoopState, inputs: Inputs, now_ns: int) -> Inputs:
-    """The inputs, with a stop at the end of the run and the scheduled requests due since the last step."""
-    t_s = _run_time_s(loop, now_ns)
+def _with_schedule(
+    config: ControllerConfig, loop: LoopState, operation: Operation, inputs: Inputs, now_ns: int
+) -> Inputs:
+    """The inputs, with a stop at the end of the run and the scheduled requests due since the last step.
+
+    Both by the scenario's time, which stands while the operator holds it.
+    """
+    t_s = operation.scenario_s(_run_time_s(loop, now_ns))
     if t_s >= config.duration_s - TIME_TOLERANCE_S:
         inputs = replace(inputs, stop_requested=True)
     if config.requests:
-        last_s = _run_time_s(loop, loop.stepped_ns)
+        last_s = operation.scenario_s(_run_time_s(loop, loop.stepped_ns))
         due = tuple(r for at_s, r in config.requests if last_s < at_s - TIME_TOLERANCE_S <= t_s)
         if due:
             inputs = replace(inputs, requests=inputs.requests + due)

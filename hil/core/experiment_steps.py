@@ -17,6 +17,7 @@ from hil.core.controller import Output
 from hil.core.dry_watch import DryWatch, watch_dry
 from hil.core.experiment import Envelope, Phase, PhaseState, Until
 from hil.core.interlocks import ALL, Belief, Limits
+from hil.core.live_request import LiveRequest
 from hil.core.sensors import LevelSensors
 from hil.core.supervisor import Supervision
 from hil.core.types import Event, Inputs, Mode, Pair, Quad, Severity, TickRecord, TripCause
@@ -68,7 +69,9 @@ class ExperimentSteps:
         """The state before the first step."""
         return ExperimentState()
 
-    def step(self, state: ExperimentState, inputs: Inputs, now_ns: int) -> tuple[ExperimentState, Output]:
+    def step(
+        self, state: ExperimentState, inputs: Inputs, now_ns: int, _asked: tuple[LiveRequest, ...] = ()
+    ) -> tuple[ExperimentState, Output]:
         """One step at now_ns. The caller answers an exception with `fail`."""
         return step(self.config, state, inputs, now_ns, answered=self._answered())
 

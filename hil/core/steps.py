@@ -8,6 +8,7 @@ from typing import Any, Protocol
 from hil.core import controller
 from hil.core.controller import ControllerConfig, ControllerState, Output
 from hil.core.interlocks import Limits
+from hil.core.live_request import LiveRequest
 from hil.core.sensors import LevelSensors
 from hil.core.supervisor import Supervision
 from hil.core.types import Inputs, TripCause
@@ -39,8 +40,13 @@ class Steps(Protocol):
         """The state before the first step."""
         ...
 
-    def step(self, state: Any, inputs: Inputs, now_ns: int) -> tuple[StepState, Output]:
-        """One step; the command is always safe. Whatever it raises is answered with `fail`."""
+    def step(
+        self, state: Any, inputs: Inputs, now_ns: int, asked: tuple[LiveRequest, ...] = ()
+    ) -> tuple[StepState, Output]:
+        """One step; the command is always safe. Whatever it raises is answered with `fail`.
+
+        asked : by an operator since the last step, while the run goes on.
+        """
         ...
 
     def fail(self, state: Any, cause: TripCause, text: str) -> tuple[StepState, Output]:
@@ -76,9 +82,11 @@ class ScenarioSteps:
         """The state before the first step."""
         return ControllerState()
 
-    def step(self, state: ControllerState, inputs: Inputs, now_ns: int) -> tuple[ControllerState, Output]:
+    def step(
+        self, state: ControllerState, inputs: Inputs, now_ns: int, asked: tuple[LiveRequest, ...] = ()
+    ) -> tuple[ControllerState, Output]:
         """See `controller.step`."""
-        return controller.step(self.config, state, inputs, now_ns)
+        return controller.step(self.config, state, inputs, now_ns, asked)
 
     def fail(self, state: ControllerState, cause: TripCause, text: str) -> tuple[ControllerState, Output]:
         """See `controller.fail`."""

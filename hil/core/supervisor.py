@@ -151,7 +151,7 @@ def _sort_requests(
     for request in requests:
         reason = _refusal_reason(limits, state.mode, request)
         if reason:
-            events.append(_refusal(request.action, reason, reason))
+            events.append(_refusal(request, reason, reason))
         elif request.action is Action.BYPASS and request.interlock is not None:
             for_s = min(request.for_s, limits.bypass_max_s)
             bypasses[request.interlock] = now_ns + round(for_s * 1e9)
@@ -185,7 +185,7 @@ def _step_tripped(limits: Limits, state: Supervision, requested: Requests, situa
         return state, ()
     active = first_active(limits, situation, (*_bypassed(state), TripCause.NODE_TRIPPED))
     if active is not None:
-        return state, (_refusal(Action.CLEAR, active.cause.value, active.describe(situation)),)
+        return state, (_refusal(requested[Action.CLEAR], active.cause.value, active.describe(situation)),)
     return _enter_mode(replace(state, cause=None, clears_node=True), Mode.DISARMED)
 
 
@@ -224,8 +224,11 @@ def _step_moving(limits: Limits, state: Supervision, requested: Requests, situat
     return _enter_mode(state, _automatic(belief))
 
 
-def _refusal(action: Action, reason: str, text: str) -> Event:
-    return Event(Severity.WARNING, "refused", f"{action} refused: {text}", {"action": action.value, "reason": reason})
+def _refusal(request: Request, reason: str, text: str) -> Event:
+    data: dict[str, object] = {"action": request.action.value, "reason": reason}
+    if request.number:
+        data["number"] = request.number
+    return Event(Severity.WARNING, "refused", f"{request.action} refused: {text}", data)
 
 
 def _stop_for(state: Supervision, active: Interlock, situation: Situation) -> Step:

@@ -192,13 +192,15 @@ class Action(StrEnum):
 class Request:
     """An operator request.
 
-    voltage_V : (2,) for MANUAL; None keeps the present voltages. interlock, for_s : for BYPASS.
+    voltage_V : (2,) for MANUAL; None keeps the present voltages. interlock, for_s : for BYPASS. number : of a request
+    that came while the run went on; 0 for the scenario's.
     """
 
     action: Action
     voltage_V: Pair | None = None
     interlock: TripCause | None = None
     for_s: float = 0.0
+    number: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -181,6 +181,15 @@ def controller(
             process.communicate()
 
 
+def child(run: Controller, module: str) -> int:
+    """Process number of the run's recorder ("recorder_process") or of the server of its control channel ("server")."""
+    pid = run.process.pid
+    for number in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
+        if module.encode() in Path(f"/proc/{number}/cmdline").read_bytes():
+            return int(number)
+    raise AssertionError(f"the run has no process {module}")
+
+
 PLAIN = ("--no-rerun", "--no-report")
 
 

@@ -25,6 +25,7 @@ from tests.live.live_bench import (
     PLAIN,
     WATCHDOG_S,
     Controller,
+    child,
     controller,
     emulator,
     hil,
@@ -246,8 +247,8 @@ def test_case_52_disk_full_in_the_run(tmp_path: Path) -> None:
         controller(scenario, rig.channel, tmp_path / "run", *PLAIN) as run,
     ):
         wait_for(lambda: (tmp_path / "run/events.jsonl").exists(), 40.0)
-        recorder = Path(f"/proc/{run.process.pid}/task/{run.process.pid}/children").read_text()
-        resource.prlimit(int(recorder), resource.RLIMIT_FSIZE, (room, room))
+        recorder = child(run, "recorder_process")
+        resource.prlimit(recorder, resource.RLIMIT_FSIZE, (room, room))
         assert run.wait(40.0) == INCOMPLETE, (run.out, run.err)
         commands, last = rig.commanded(), rig.pump()[-1]
     assert (last["state"], last["applied_V"], last["cause"]) == ("ready", OFF, "disabled")

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from hil.cli.exit_codes import INCOMPLETE
-from tests.live.live_bench import BIN, PLAIN, Controller, Emulator, controller, emulator, hil, write_scenario
+from tests.live.live_bench import BIN, PLAIN, Controller, Emulator, child, controller, emulator, hil, write_scenario
 from tests.waiting import wait_for
 
 pytestmark = pytest.mark.live
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.live
 
 def recorder_of(run: Controller) -> int:
     """Process id of the run's recorder."""
-    return int(Path(f"/proc/{run.process.pid}/task/{run.process.pid}/children").read_text())
+    return child(run, "recorder_process")
 
 
 def is_at_rest(rig: Emulator) -> bool:

@@ -13,6 +13,7 @@ from hil.review.ticks import read
 from tests.live.live_bench import (
     CONFIG,
     PLAIN,
+    child,
     controller,
     emulator,
     hil,
@@ -48,8 +49,7 @@ def test_a_recorder_that_is_killed_does_not_stop_the_run(tmp_path: Path) -> None
         controller(scenario, rig.channel, tmp_path / "run", *PLAIN) as run,
     ):
         rig.wait_until_it_runs(changes=15)
-        recorder = Path(f"/proc/{run.process.pid}/task/{run.process.pid}/children").read_text()
-        os.kill(int(recorder), signal.SIGKILL)
+        os.kill(child(run, "recorder_process"), signal.SIGKILL)
         assert run.wait(40.0) == INCOMPLETE, (run.out, run.err)
         last = rig.pump()[-1]
     assert (last["state"], last["applied_V"], last["cause"]) == ("ready", [0.0, 0.0], "disabled")

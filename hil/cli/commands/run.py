@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import datetime
+from pathlib import Path
 from typing import Annotated, Optional
 
 import typer
@@ -52,6 +53,10 @@ def run(
         Optional[int], typer.Option(metavar="1..99", help="Priority of SCHED_FIFO. Default: 80.")
     ] = None,
     cpu: Annotated[Optional[int], typer.Option(metavar="N", help="Use this processor only. Default: any.")] = None,
+    control: Annotated[
+        Optional[Path],
+        typer.Option(metavar="PATH", help="Socket on which `hil ctl` reaches the run. Default: in the run folder."),
+    ] = None,
 ) -> None:
     """Run a scenario in real time on a CAN bus: the rig's, or the emulator's (firmware-sim). Moves pumps."""
     from hil.edge.host.realtime import parse_request
@@ -65,7 +70,9 @@ def run(
     bus = bench.rig.bus
     address = BusAddress(interface or bus.interface, channel or bus.channel, bitrate or bus.bitrate)
     folder = out or run_options.default_folder(bench.scenario.scenario.name, datetime.now())
-    options = run_options.RunOptions(folder, duration_s=duration, rerun=rerun, clear_trip=clear_trip, realtime=wanted)
+    options = run_options.RunOptions(
+        folder, duration_s=duration, rerun=rerun, clear_trip=clear_trip, realtime=wanted, control=control
+    )
     console = Console()
     with interruptible(), run_display.live_status(console, with_table=not realtime) as watch:
         figures, outcome = live_run.run_live(bench, options, address, watch)

@@ -1,0 +1,165 @@
+"""A blocking client of a run's control channel, for `hil ctl`, `hil panel` and programs of your own.
+
+with ControlClient.connect("runs/20260101-120000_steps/control.sock") as run:
+answer = run.ask("reference", levels_cm=[12.5, 12.7], ramp_s=20.0)
+print(answer["text"], run.state()["measured_cm"])
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import select
+import socket
+import time
+from collections import deque
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from hil.edge.control.socket_path import SOCKET_NAME, ControlError, RunningRun, running_runs
+
+Message = dict[str, Any]
+
+MAX_MESSAGE = 1 << 20
+
+
+class ControlClient:
+    """A connection. hello : the greeting, see docs/reference/control-channel.md. Use as a context, from one thread."""
+
+    def __init__(self, connection: socket.socket, timeout_s: float = 5.0) -> None:
+        self._socket, self._timeout_s = connection, timeout_s
+        self._read = b""
+        self._kept: deque[Message] = deque(maxlen=1000)
+        self._ids = itertools.count(1)
+        self.hello: Message = {}
+
+    @classmethod
+    def connect(cls, path: str | os.PathLike[str], timeout_s: float = 5.0) -> ControlClient:
+        """Connect to a run's socket and read its greeting. Raises ControlError."""
+        connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        connection.settimeout(timeout_s)
+        try:
+            connection.connect(os.fspath(path))
+            client = cls(connection, timeout_s)
+            first = client._next(time.monotonic() + timeout_s)
+        except (OSError, ValueError) as error:
+            connection.close()
+            cause = getattr(error, "strerror", None) or error
+            raise ControlError(f"no run listens at {path}: {cause}") from None
+        if first is None or "hello" not in first:
+            connection.close()
+            said = "it does not answer" if first is None else first.get("text", "it is no run")
+            raise ControlError(f"no run listens at {path}: {said}")
+        client.hello = first["hello"]
+        return client
+
+    def __enter__(self) -> ControlClient:
+        """The connection is open."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Disconnect."""
+        self.close()
+
+    def close(self) -> None:
+        """Disconnect."""
+        self._socket.close()
+
+    def fileno(self) -> int:
+        """For `select`: readable when `messages(0.0)` has something."""
+        return self._socket.fileno()
+
+    def send(self, do: str, **keys: object) -> int:
+        """Send a request and return its id, without waiting for the answer. Raises ControlError."""
+        request_id = next(self._ids)
+        message = {"v": 1, "id": request_id, "do": do, **keys}
+        try:
+            self._socket.sendall(json.dumps(message).encode() + b"\n")
+        except OSError as error:
+            raise ControlError(f"the run is gone: {error.strerror or error}") from None
+        return request_id
+
+    def ask(self, do: str, **keys: object) -> Message:
+        """Send a request and wait for its answer; states and events that come meanwhile are kept for `messages`.
+
+        Raises ControlError when the run is gone or does not answer in time.
+        """
+        request_id = self.send(do, **keys)
+        end_s = time.monotonic() + self._timeout_s
+        while (message := self._next(end_s)) is not None:
+            if "ok" in message and message.get("id") == request_id:
+                return message
+            self._kept.append(message)
+        raise ControlError(f"the run does not answer within {self._timeout_s:g} s")
+
+    def state(self) -> Message:
+        """The run's state. Raises ControlError."""
+        answer = self.ask("state")
+        if not answer["ok"]:
+            raise ControlError(answer["text"])
+        end_s = time.monotonic() + self._timeout_s
+        while (message := self._next(end_s)) is not None:
+            if "state" in message:
+                state: Message = message["state"]
+                return state
+            self._kept.append(message)
+        raise ControlError(f"the run does not answer within {self._timeout_s:g} s")
+
+    def messages(self, timeout_s: float | None = None) -> Iterator[Message]:
+        """States, events and answers as they come. Ends after `timeout_s` without any; None: never.
+
+        Raises ControlError when the run is gone.
+        """
+        while True:
+            while self._kept:
+                yield self._kept.popleft()
+            message = self._next(None if timeout_s is None else time.monotonic() + timeout_s)
+            if message is None:
+                return
+            yield message
+
+    def _next(self, end_s: float | None) -> Message | None:
+        """The next message; None when none comes until then. Raises ControlError when the run is gone."""
+        while b"\n" not in self._read:
+            remaining_s = None if end_s is None else max(end_s - time.monotonic(), 0.0)
+            if not select.select([self._socket], [], [], remaining_s)[0]:
+                return None
+            try:
+                data = self._socket.recv(65536)
+            except OSError as error:
+                raise ControlError(f"the run is gone: {error.strerror or error}") from None
+            if not data or len(self._read) > MAX_MESSAGE:
+                raise ControlError("the run is gone")
+            self._read += data
+        line, _, self._read = self._read.partition(b"\n")
+        message = json.loads(line)
+        return message if isinstance(message, dict) else {}
+
+
+def find_run(folder: str | os.PathLike[str] | None = None, path: str | os.PathLike[str] | None = None) -> Path:
+    """The socket of a run: at `path`, of the run in `folder`, or of the only run that goes on.
+
+    Raises ControlError that lists the runs when there are several, or says that there is none.
+    """
+    if path is not None:
+        return Path(path)
+    runs = running_runs()
+    if folder is not None:
+        wanted = Path(folder).absolute()
+        listed = [run for run in runs if Path(run.folder) == wanted]
+        return Path(listed[0].socket) if listed else wanted / SOCKET_NAME
+    if not runs:
+        raise ControlError("no run goes on; give --run FOLDER or --socket PATH for one that was started elsewhere")
+    if len(runs) > 1:
+        raise ControlError(f"{len(runs)} runs go on, give --run FOLDER: {listing(runs)}")
+    return Path(runs[0].socket)
+
+
+def listing(runs: list[RunningRun]) -> str:
+    """The runs in one line."""
+    return ", ".join(f"{run.folder} (process {run.pid})" for run in runs)

@@ -1,0 +1,277 @@
+"""The process that serves the clients of a run's control channel, and never the control thread.
+
+    clients <- Unix socket -> this process <- socket pair -> ControlChannel in the control thread
+
+Whatever clients do ends here: lines that are too long or wrong, too many of them, clients that do not read. Of what
+they ask, only checked requests reach the control thread, a few at a time, a stop before all others. The limits are
+those of docs/reference/control-channel.md.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import pickle
+import selectors
+import signal
+import socket
+import sys
+import time
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+from hil.core.live_request import Author, LiveRequest
+from hil.edge.control.client_connection import MAX_STATE_BACKLOG, ClientConnection
+from hil.edge.control.messages import (
+    VERSION,
+    ClientRequest,
+    MessageError,
+    SubscribeRequest,
+    answer_line,
+    live_request,
+    parse,
+    to_line,
+)
+from hil.edge.control.socket_path import ServerSettings, announce, listen
+
+MAX_CLIENTS = 32
+MAX_WAITING = 20
+"""Requests that the control thread has not answered yet. A stop is taken beyond that, up to twice as many: then there
+are others among them."""
+
+MAX_MESSAGE = 1 << 18
+ROUND_S = 0.25
+REST_S = 0.1
+"""A client that has sent too much is not read for so long; nobody is let in for so long after one too many."""
+
+Answer = tuple[int, float | None, str, str]
+"""number, run time, text, reason."""
+
+Update = tuple[tuple[Answer, ...], tuple[dict[str, object], ...], dict[str, object] | None]
+"""What the control thread hands over after a step: answers, events, and the state."""
+
+
+class ControlServer:
+    """line : to the control thread. listener : where clients connect."""
+
+    def __init__(self, line: socket.socket, listener: socket.socket, hello: dict[str, object]) -> None:
+        self._line, self._listener = line, listener
+        self._hello = to_line({"v": VERSION, "hello": hello})
+        self._clients: dict[int, ClientConnection] = {}
+        self._waiting: dict[int, tuple[ClientConnection, object]] = {}
+        self._outbox: deque[bytes] = deque()
+        self._number = self._client_number = 0
+        self._state: dict[str, object] | None = None
+        self._t_s: float | None = None
+        self._is_over = False
+        self._accepts_at_s = 0.0
+        self._selector = selectors.DefaultSelector()
+        self._selector.register(line, selectors.EVENT_READ)
+        self._selector.register(listener, selectors.EVENT_READ)
+
+    def work(self) -> None:
+        """Until the control thread is gone."""
+        while not self._is_over:
+            for key, mask in self._selector.select(self._timeout_s()):
+                if key.fileobj is self._line:
+                    self._read_updates()
+                elif key.fileobj is self._listener:
+                    self._accept()
+                else:
+                    self._serve(key.data, mask)
+            self._flush()
+        for client in list(self._clients.values()):
+            client.flush()
+            self._drop(client)
+
+    def _timeout_s(self) -> float:
+        now_s = time.monotonic()
+        resting = [c.reads_at_s for c in self._clients.values() if c.reads_at_s > now_s]
+        if self._accepts_at_s > now_s:
+            resting.append(self._accepts_at_s)
+        return min([ROUND_S, *(at_s - now_s for at_s in resting)])
+
+    def _accept(self) -> None:
+        try:
+            connection, _ = self._listener.accept()
+        except OSError:  # it has gone again, or there are too many files
+            self._accepts_at_s = time.monotonic() + REST_S
+            return
+        connection.setblocking(False)
+        self._client_number += 1
+        client = ClientConnection.accepted(connection, self._client_number)
+        if client is None:
+            connection.close()
+            return
+        if len(self._clients) >= MAX_CLIENTS:
+            client.put(answer_line(None, self._t_s, f"{MAX_CLIENTS} clients are served already", "too_many"))
+            client.flush()
+            connection.close()
+            self._accepts_at_s = time.monotonic() + REST_S
+            return
+        client.put(self._hello)
+        self._clients[client.number] = client
+
+    def _serve(self, client: ClientConnection, mask: int) -> None:
+        if mask & selectors.EVENT_WRITE:
+            client.flush()
+        if mask & selectors.EVENT_READ and client.number in self._clients:
+            for line in client.lines():
+                self._take(client, line)
+
+    def _take(self, client: ClientConnection, line: bytes) -> None:
+        now_s = time.monotonic()
+        try:
+            message = parse(line)
+        except MessageError as error:
+            client.may_ask(now_s)
+            client.put(answer_line(error.request_id, self._t_s, str(error), "bad_request"))
+            return
+        if not client.may_ask(now_s) and message.do != "stop":
+            client.put(answer_line(message.id, self._t_s, "more than 20 requests in a second", "too_many"))
+        elif isinstance(message, SubscribeRequest):
+            client.subscribe(message.rate_hz, message.events)
+            client.put(answer_line(message.id, self._t_s, f"states at {message.rate_hz:g} Hz"))
+        elif message.do == "state":
+            self._send_state(client, message.id)
+        else:
+            self._forward(client, message)
+
+    def _send_state(self, client: ClientConnection, request_id: object) -> None:
+        if self._state is None:
+            client.put(answer_line(request_id, None, "no control step was made yet", "not_while"))
+            return
+        client.put(answer_line(request_id, self._t_s, "state"))
+        client.put(to_line({"v": VERSION, "state": self._state}))
+
+    def _forward(self, client: ClientConnection, message: ClientRequest) -> None:
+        is_stop = message.do == "stop"
+        if len(self._waiting) >= (2 * MAX_WAITING if is_stop else MAX_WAITING):
+            text = f"{MAX_WAITING} requests wait for the next control steps"
+            client.put(answer_line(message.id, self._t_s, text, "too_many"))
+            return
+        self._number += 1
+        request = live_request(message, self._number, Author(client.user, client.pid, client.number))
+        self._waiting[self._number] = (client, message.id)
+        data = json.dumps(_as_sent(request)).encode()
+        if is_stop:
+            self._outbox.appendleft(data)
+        else:
+            self._outbox.append(data)
+
+    def _read_updates(self) -> None:
+        """All that the control thread has handed over; only the newest state counts."""
+        with contextlib.suppress(BlockingIOError):
+            try:
+                while data := self._line.recv(MAX_MESSAGE):
+                    self._update(pickle.loads(data))  # noqa: S301 - from our own parent
+            except ConnectionError:
+                pass
+            self._is_over = True
+
+    def _update(self, update: Update) -> None:
+        answers, events, state = update
+        for number, t_s, text, reason in answers:
+            client, request_id = self._waiting.pop(number, (None, None))
+            if client is not None:
+                client.put(answer_line(request_id, t_s, text, reason))
+        lines = [to_line({"v": VERSION, "event": event}) for event in events]
+        for client in self._clients.values():
+            if client.wants_events:
+                for line in lines:
+                    client.put(line)
+        if state is None:
+            return
+        self._state, run_s = state, state.get("t_s")
+        self._t_s = run_s if isinstance(run_s, float) else None
+        now_s = time.monotonic()
+        due = [c for c in self._clients.values() if c.backlog < MAX_STATE_BACKLOG and c.is_due(now_s)]
+        if due:
+            line = to_line({"v": VERSION, "state": state})
+            for client in due:
+                client.put(line)
+
+    def _flush(self) -> None:
+        """Hand over what waits, and tell the selector what to wait for."""
+        while self._outbox:
+            try:
+                self._line.send(self._outbox[0])
+            except BlockingIOError:
+                break
+            except OSError:
+                self._is_over = True
+                break
+            self._outbox.popleft()
+        now_s = time.monotonic()
+        for client in list(self._clients.values()):
+            client.flush()
+            if client.is_lost:
+                self._drop(client)
+            else:
+                client.select(self._selector, now_s)
+        events = selectors.EVENT_READ | (selectors.EVENT_WRITE if self._outbox else 0)
+        self._selector.modify(self._line, events)
+        is_open, may_accept = self._listener in self._selector.get_map(), now_s >= self._accepts_at_s
+        if may_accept and not is_open:
+            self._selector.register(self._listener, selectors.EVENT_READ)
+        elif is_open and not may_accept:
+            self._selector.unregister(self._listener)
+
+    def _drop(self, client: ClientConnection) -> None:
+        client.close(self._selector)
+        del self._clients[client.number]
+
+
+def _as_sent(request: LiveRequest) -> dict[str, Any]:
+    """For `ControlChannel`, which makes a request of it again."""
+    return {
+        "number": request.number,
+        "action": request.action.value,
+        "author": [request.author.user, request.author.pid, request.author.client],
+        "sent": request.sent,
+        "levels_V": request.levels_V,
+        "levels_cm": request.levels_cm,
+        "change_V": request.change_V,
+        "ramp_s": request.ramp_s,
+        "voltage_V": request.voltage_V,
+        "interlock": request.interlock,
+        "for_s": request.for_s,
+        "text": request.text,
+    }
+
+
+def main(descriptor: int) -> int:
+    """Serve one run, on the socket that its control thread has handed to this process."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGPIPE):
+        signal.signal(number, signal.SIG_IGN)  # it ends when the run does
+    with socket.socket(fileno=descriptor) as line:
+        data = line.recv(MAX_MESSAGE)
+        if not data:
+            return 0
+        settings: ServerSettings = pickle.loads(data)  # noqa: S301 - from our own parent
+        announced: Path | None = None
+        try:
+            listener = listen(settings.socket)
+        except Exception as error:  # noqa: BLE001 - whatever it is, the run says it in one line
+            line.send(pickle.dumps(f"{error}"))
+            return 1
+        try:
+            with contextlib.suppress(Exception):  # then it is found by its folder alone
+                announced = announce(settings.run)
+            with contextlib.suppress(OSError):
+                os.nice(5)
+            line.send(pickle.dumps(None))
+            line.setblocking(False)
+            ControlServer(line, listener, settings.hello).work()
+        finally:
+            for path in (settings.socket, announced):
+                if path is not None:
+                    with contextlib.suppress(OSError):
+                        path.unlink(missing_ok=True)
+    return 0
+
+
+if __name__ == "__main__":
+    os._exit(main(int(sys.argv[1])))
