@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from functools import partial
 
 from hil import runtime
@@ -23,6 +24,7 @@ from hil.edge.host.realtime import RealTime
 from hil.edge.record.recorder_process import ProcessRecorder
 from hil.edge.record.run_folder import RunFolder
 from hil.loop import Outcome
+from hil.review import viewer
 from hil.review.kpi import Kpi
 
 
@@ -43,9 +45,14 @@ def run_live(
         stack.callback(port.close)
         folder = RunFolder.create(options.out, run_plan(bench, is_live=True, seed=None))
         timeline = timeline_settings(bench, config, options)
+        if timeline is not None and options.live is not None:
+            timeline = replace(timeline, live_port=viewer.free_port())
         with removed_if_not_opened(folder):
             no_channel = open_channel(channel, bench, config, folder, options)
             recorder.open(folder, partial(open_record, folder, timeline, options.realtime is not None))
+        if timeline is not None and timeline.live_port is not None:
+            is_page = options.live == "page"
+            stack.enter_context(viewer.live_view(timeline.live_port, is_page=is_page, say=_say))
         record = stack.enter_context(RunRecord(recorder, port))
         for warning in (*live_warnings(bench), *no_channel):
             _warn(warning, recorder)
@@ -76,8 +83,12 @@ def _real_time(stack: ExitStack, wanted: RealTime, recorder: ProcessRecorder) ->
     return applied.housekeeping
 
 
+def _say(text: str) -> None:
+    with suppress(OSError):
+        sys.stderr.write(f"hil: {text}\n")
+
+
 def _warn(event: Event, recorder: ProcessRecorder) -> None:
     """Show and record it. Standard error that can't be written to is no reason to end the run."""
-    with suppress(OSError):
-        sys.stderr.write(f"hil: {event.text}\n")
+    _say(event.text)
     recorder.event(0.0, event)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import Literal
 
 from hil.bench.assembly import Bench
 from hil.bench.open_record import TimelineSettings
@@ -13,12 +14,15 @@ from hil.edge.config.rig_file import Rig
 from hil.edge.host.realtime import RealTime
 from hil.edge.record.picture_model import PictureModel
 
+LivePicture = Literal["window", "page"]
+
 
 @dataclass(frozen=True)
 class RunOptions:
     """How to run, whatever the scenario says.
 
     seed : of the emulator's noise. rerun : whether to write run.rrd. realtime : what to request of the system, live.
+    live : a run in real time is served to viewers while it goes on; in a window, or as a page. None: it is not.
     control : where a live run listens; None: in its folder.
     """
 
@@ -28,6 +32,7 @@ class RunOptions:
     rerun: bool = True
     clear_trip: bool = False
     realtime: RealTime | None = None
+    live: LivePicture | None = None
     control: Path | None = None
 
 

@@ -42,6 +42,15 @@ PLOTS: dict[str, Plot] = {
 }
 """Entity -> plot, in the order in which they are shown. An entity that is not listed comes last, named by itself."""
 
+BEFORE_S, AFTER_S = 30.0, 60.0
+"""What the plots show around a moment at which a recording is opened."""
+
+FOLLOWED_S = 120.0
+"""What the plots of a run that goes on show."""
+
+PLOT_BACKGROUND = rrb.archetypes.PlotBackground(color=list(BACKGROUND), show_grid=True)
+"""Dark in every theme of the viewer: references are white."""
+
 OVERVIEW = ("levels", "pumps")
 CONTROL = ("control", "law")
 
@@ -53,14 +62,30 @@ def blueprint(
     *,
     has_picture: bool = False,
     tab: str = "Overview",
+    at_s: float | None = None,
 ) -> rrb.Blueprint:
     """Tabs: overview (opens first), tanks, control, bench, run card. Entities of any other name are in bench.
 
     mode, shown : of the run, which decide the plots. duration_s : length of the run as planned; the plots then open
     on the whole of it. None: around the cursor. has_picture : whether the recording has the picture of the tanks.
-    tab : the one that is open at first, by name.
+    tab : the one that is open at first, by name. at_s : a moment; the plots then open around it. A layout can't
+    place the time cursor.
     """
-    layout = _Layout(series(mode, shown), duration_s)
+    begin_s, end_s = (0.0, duration_s) if at_s is None else (at_s - BEFORE_S, at_s + AFTER_S)
+    layout = _Layout(series(mode, shown), begin_s, end_s)
+    return _tabs(layout, tab, has_picture, rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="paused"))
+
+
+def live_blueprint(mode: RunMode, shown: Sequence[str] = (), *, has_picture: bool = False) -> rrb.Blueprint:
+    """The layout of a run that goes on: it follows the newest step, with the plots of the last minutes."""
+    layout = _Layout(series(mode, shown), 0.0, None)
+    layout.follow()
+    return _tabs(
+        layout, "Tanks", has_picture, rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following")
+    )
+
+
+def _tabs(layout: _Layout, tab: str, has_picture: bool, time_panel: rrb.TimePanel) -> rrb.Blueprint:
     card = rrb.TextDocumentView(origin="/card", name="Run card")
     tanks = [layout.tanks()] if has_picture else []
     sheets: list[rrb.Container | rrb.View] = [layout.overview(), *tanks, layout.control(), layout.bench(), card]
@@ -69,24 +94,29 @@ def blueprint(
         rrb.Tabs(*sheets, active_tab=opened),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="paused"),
+        time_panel,
         auto_views=False,
     )
 
 
 class _Layout:
-    """Makes the views with one time axis."""
+    """Makes the views with one time axis, from begin_s to end_s; end_s None: around the cursor."""
 
-    def __init__(self, drawn: Sequence[Series], duration_s: float | None) -> None:
+    def __init__(self, drawn: Sequence[Series], begin_s: float, end_s: float | None) -> None:
         names = [one.entity for one in drawn]
         self._entities = [entity for entity in PLOTS if entity in names]
         self._entities += [entity for entity in names if entity not in PLOTS]
         self._axis = None
-        if duration_s is not None:
+        if end_s is not None:
             span = rr.TimeRange(
-                start=rr.TimeRangeBoundary.absolute(seconds=0.0), end=rr.TimeRangeBoundary.absolute(seconds=duration_s)
+                start=rr.TimeRangeBoundary.absolute(seconds=begin_s), end=rr.TimeRangeBoundary.absolute(seconds=end_s)
             )
             self._axis = rrb.TimeAxis(view_range=span)
+
+    def follow(self) -> None:
+        """Let the time axis end at the time cursor."""
+        begin = rr.TimeRangeBoundary.cursor_relative(seconds=-FOLLOWED_S)
+        self._axis = rrb.TimeAxis(view_range=rr.TimeRange(start=begin, end=rr.TimeRangeBoundary.cursor_relative()))
 
     def overview(self) -> rrb.Vertical:
         """Levels, pump voltages, effectiveness, states and log on one sheet."""
@@ -148,6 +178,7 @@ class _Layout:
             axis_x=self._axis,
             axis_y=None if plot.range_ is None else rrb.ScalarAxis(range=plot.range_),
             plot_legend=rrb.PlotLegend(corner=plot.corner),
+            background=PLOT_BACKGROUND,
         )
 
 

@@ -281,7 +281,7 @@ def test_view_without_a_recording_points_to_the_report(command_line: CommandLine
 def test_view_without_a_screen_points_to_the_report(
     faulty_run: tuple[Path, Result, Path], command_line: CommandLine
 ) -> None:
-    assert_refused(command_line("hil", "view", faulty_run[0]), "no screen", faulty_run[0] / "report.html")
+    assert_refused(command_line("hil", "view", faulty_run[0], "--window"), "no screen", faulty_run[0] / "report.html")
 
 
 def test_design_shows_both_designs_and_writes_its_figures(command_line: CommandLine, tmp_path: Path) -> None:

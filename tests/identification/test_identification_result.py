@@ -15,8 +15,8 @@ import pytest
 from rich.console import Console
 
 from hil.bench.identification_result import NotReplacedError, replace_rig, write_result
-from hil.cli.commands.view import view
 from hil.cli.identify_result import finish
+from hil.cli.view_command import open_view
 from hil.core.identification.improvement import improvement, misfit_sentence, row_noise_V
 from hil.core.identification.result import Identification
 from hil.edge.config.rig_file import load_rig
@@ -66,7 +66,7 @@ def test_the_folder_has_rig_file_json_report_and_recording_and_view_opens_it(rig
         patch.delenv("DISPLAY", raising=False)
         patch.delenv("WAYLAND_DISPLAY", raising=False)
         with pytest.raises(NoViewerError, match=re.escape(f"the report is at {out / 'report.html'}")):
-            view(out)
+            open_view(out, None, is_page=False)
 
 
 def test_json_has_every_parameter_with_its_interval() -> None:

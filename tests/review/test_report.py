@@ -19,7 +19,6 @@ from hil.review.kpi import compute
 from hil.review.run_figures import thin
 from hil.review.run_report import write_report
 from hil.review.ticks import Ticks, read
-from hil.review.viewer import NoViewerError, view
 from tests.review import toy
 
 
@@ -206,17 +205,3 @@ def test_the_alarm_table_has_the_last_estimate_of_a_pumps_effectiveness(whole_ru
     text = write_report(whole_run).read_text(encoding="utf-8")
     assert heads(text, "Alarms and trips")[2:4] == ["size", "last estimate"]
     assert "the last estimate is that at the end of the run" in text
-
-
-def test_view_without_a_screen_says_where_the_report_is(whole_run: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sys.platform", "linux")
-    monkeypatch.delenv("DISPLAY", raising=False)
-    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    write_report(whole_run)
-    with pytest.raises(NoViewerError, match=r"report\.html"):
-        view(whole_run)
-
-
-def test_view_of_a_run_without_a_recording_says_so(run_without_reconfiguration: RunFolder) -> None:
-    with pytest.raises(NoViewerError, match=r"no run\.rrd"):
-        view(run_without_reconfiguration)

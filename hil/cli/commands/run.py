@@ -52,6 +52,11 @@ def run(
     priority: Annotated[
         Optional[int], typer.Option(metavar="1..99", help="Priority of SCHED_FIFO. Default: 80.")
     ] = None,
+    live: Annotated[
+        bool,
+        typer.Option("--live", help="Show the run in the Rerun viewer while it goes on; as a page without a screen."),
+    ] = False,
+    live_web: Annotated[bool, typer.Option("--live-web", help="The same as a page, screen or not.")] = False,
     cpu: Annotated[Optional[int], typer.Option(metavar="N", help="Use this processor only. Default: any.")] = None,
     control: Annotated[
         Optional[Path],
@@ -64,14 +69,22 @@ def run(
     wanted = parse_request(realtime, priority, cpu)  # before numpy is loaded: it starts threads
     from hil.bench import assembly, live_run, run_options
     from hil.cli import run_display
+    from hil.cli.view_command import live_choice
     from hil.edge.can.bus import BusAddress
 
     bench = assembly.load(scenario, config, rig=rig, law=law)
     bus = bench.rig.bus
     address = BusAddress(interface or bus.interface, channel or bus.channel, bitrate or bus.bitrate)
     folder = out or run_options.default_folder(bench.scenario.scenario.name, datetime.now())
+    shown = live_choice(live=live, is_page=live_web, is_recorded=rerun)
     options = run_options.RunOptions(
-        folder, duration_s=duration, rerun=rerun, clear_trip=clear_trip, realtime=wanted, control=control
+        folder,
+        duration_s=duration,
+        rerun=rerun,
+        clear_trip=clear_trip,
+        realtime=wanted,
+        live=shown,
+        control=control,
     )
     console = Console()
     with interruptible(), run_display.live_status(console, with_table=not realtime) as watch:

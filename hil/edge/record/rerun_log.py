@@ -28,21 +28,16 @@ from hil.edge.record.new_folder import disk_error
 from hil.edge.record.picture_model import PictureModel
 from hil.edge.record.record_format import Row
 from hil.edge.record.run_folder import RunMode
+from hil.edge.record.run_states import NO_STATE, STATES, pump_state
 from hil.edge.record.signals import Signal, recorded
 from hil.edge.record.tank_picture import TankPicture
 
 TIMELINE = "run_time"
 APPLICATION = "fourtank-hil"
-_NONE = "none"
 FLUSH_TIMEOUT_S = 2.0
 CALL_TIMEOUT_S = 5.0
 """For each call of Rerun that reaches its file: one that meets a full disk may wait for ever."""
 COMPACT_TIMEOUT_S = 60.0
-HEALTHY_FROM, STRONG_ABOVE, DEAD_BELOW = 0.995, 1.005, 0.05  # effectiveness
-
-# Backgrounds of the states, under white text.
-CALM, WARM, ALERT, DIM = 0x2F6B46FF, 0x8A6D1FFF, 0x97302AFF, 0x48698AFF
-QUIET, LEAVING, BY_HAND = 0x3A424BFF, 0x5D4A80FF, 0x2F7F86FF
 
 Floats = npt.NDArray[np.float64]
 
@@ -80,12 +75,13 @@ class RerunLog:
     """A `Timeline` for the recorder. Building it writes the static parts: half a second, before the loop.
 
     mode, shown : of the run, which decide the signals. batch_ticks : steps gathered before they are sent by themselves;
-    `flush` sends what there is. picture : the rig for the picture of its tanks; None without it.
+    `flush` sends what there is. picture : the rig for the picture of its tanks; None without it. path : None for
+    a recording that is not written but served, by `server`.
     """
 
     def __init__(
         self,
-        path: Path,
+        path: Path | None,
         card: RunCard,
         *,
         level_gain_V_cm: float,
@@ -95,8 +91,9 @@ class RerunLog:
         batch_ticks: int = 250,
         compact_at_close: bool = False,
         picture: PictureModel | None = None,
+        server: rr.GrpcServerSink | None = None,
     ) -> None:
-        self._path, self._compact_at_close = path, compact_at_close
+        self._path, self._server, self._compact_at_close = path, server, compact_at_close
         signals = recorded(mode, shown)
         self._to_V = np.array([level_gain_V_cm if signal.is_in_cm else 1.0 for signal in signals])
         columns = [signal.column for signal in signals]
@@ -130,7 +127,7 @@ class RerunLog:
                 self._picture.note_alarm(t_s, event.data)
             text = f"{event.data.get('kind')} {event.data.get('target')}"
             earlier = self._states.get("states/alarm", [])
-            if earlier and earlier[-1][0] == t_s and earlier[-1][1] != _NONE:
+            if earlier and earlier[-1][0] == t_s and earlier[-1][1] != NO_STATE:
                 text = f"{earlier.pop()[1]} + {text}"
             self._set_state("states/alarm", t_s, text)
         elif event.code == "trip":
@@ -143,11 +140,15 @@ class RerunLog:
         self._state_key = key
         self._set_state("states/mode", t_s, Mode(int(mode)).name)
         for pump, share in enumerate(effectiveness, start=1):
-            self._set_state(f"states/pump{pump}", t_s, _pump_state(share))
+            self._set_state(f"states/pump{pump}", t_s, pump_state(share))
         if "states/alarm" not in self._state_now:
-            self._set_state("states/alarm", t_s, _NONE)
+            self._set_state("states/alarm", t_s, NO_STATE)
         if has_left_trip or "states/trip" not in self._state_now:
-            self._set_state("states/trip", t_s, _NONE)
+            self._set_state("states/trip", t_s, NO_STATE)
+
+    def send(self) -> None:
+        """Send what was gathered, the picture too."""
+        self._call(self._send_all)
 
     def flush(self) -> None:
         """Send what was gathered and see it on its way to the disk; raises when the disk does not take it."""
@@ -156,8 +157,9 @@ class RerunLog:
     def close(self) -> None:
         """Send the rest and finalise the file."""
         self._call(self._finalise)
-        if self._compact_at_close:
-            self._call(lambda: compact(self._path), 2.0 * COMPACT_TIMEOUT_S)
+        path = self._path
+        if self._compact_at_close and path is not None:
+            self._call(lambda: compact(path), 2.0 * COMPACT_TIMEOUT_S)
 
     def _call(self, call: Callable[[], None], timeout_s: float = CALL_TIMEOUT_S) -> None:
         """Call Rerun. Where the disk is the cause of what it raises, that error is raised instead."""
@@ -165,19 +167,25 @@ class RerunLog:
             call_within(timeout_s, call)
         except Exception as error:
             abandon(self._recording)
-            if (cause := disk_error(self._path.parent)) is not None:
+            if self._path is not None and (cause := disk_error(self._path.parent)) is not None:
                 raise cause from error
             raise
 
     def _open(self, card: RunCard, blueprint: rrb.Blueprint | None) -> None:
-        self._recording.save(self._path, default_blueprint=blueprint)
+        if self._path is not None:
+            self._recording.save(self._path, default_blueprint=blueprint)
+        elif self._server is not None:
+            self._recording.set_sinks(self._server, default_blueprint=blueprint)
         self._log_static(card)
         self._recording.flush(timeout_sec=FLUSH_TIMEOUT_S)
 
-    def _send_and_flush(self) -> None:
+    def _send_all(self) -> None:
         self._send()
         if self._picture is not None:
             self._picture.send(self._recording)
+
+    def _send_and_flush(self) -> None:
+        self._send_all()
         self._recording.flush(timeout_sec=FLUSH_TIMEOUT_S)
 
     def _finalise(self) -> None:
@@ -197,7 +205,7 @@ class RerunLog:
                 aggregation_policy=rr.components.AggregationPolicy.auto(zoomed_out),
             )
             self._recording.log(one.entity, look, static=True)
-        for entity, (values, labels, colors) in _STATES.items():
+        for entity, (values, labels, colors) in STATES.items():
             style = rr.StateConfiguration(values=values, labels=labels, colors=np.array(colors, dtype=np.uint32))
             self._recording.log(entity, style, static=True)
         if self._picture is not None:
@@ -239,32 +247,6 @@ class RerunLog:
         if self._state_now.get(entity) != state:
             self._state_now[entity] = state
             self._states.setdefault(entity, []).append((t_s, state))
-
-
-_PUMP_STATES = (
-    ("nominal", "stronger", "reduced", "dead"),
-    ("nominal", "stronger", "reduced", "dead"),
-    (CALM, WARM, WARM, ALERT),
-)
-_STATES: dict[str, tuple[tuple[str, ...], tuple[str, ...], tuple[int, ...]]] = {
-    "states/mode": (
-        tuple(mode.name for mode in Mode),
-        tuple(mode.name.lower() for mode in Mode),
-        (QUIET, DIM, CALM, WARM, LEAVING, ALERT, BY_HAND),
-    ),
-    "states/pump1": _PUMP_STATES,
-    "states/pump2": _PUMP_STATES,
-    "states/alarm": ((_NONE,), ("no alarm",), (QUIET,)),
-    "states/trip": ((_NONE,), ("no trip",), (QUIET,)),
-}
-
-
-def _pump_state(effectiveness: float) -> str:
-    if effectiveness > STRONG_ABOVE:
-        return "stronger"
-    if effectiveness >= HEALTHY_FROM:
-        return "nominal"
-    return "dead" if effectiveness < DEAD_BELOW else "reduced"
 
 
 def call_within(timeout_s: float, call: Callable[[], None]) -> None:
