@@ -6,6 +6,7 @@ The decisions behind time 0 are docs/decisions/0004-time-zero.md and 0026-start-
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from math import inf
 from typing import Any
 
@@ -17,7 +18,7 @@ from hil.core.diagnosis.detector import FaultDetector
 from hil.core.estimator import Estimate, LevelFilter
 from hil.core.following import Followed, follow
 from hil.core.law_check import checked
-from hil.core.law_copies import inputs_of_law
+from hil.core.law_copies import inputs_of_law, is_own
 from hil.core.pumps import STRAIGHT, PumpPath, UnderWay
 from hil.core.reference_path import TIME_TOLERANCE_S, ReferenceMove, RunReferences
 from hil.core.sensors import PLAIN, LevelSensors
@@ -65,6 +66,11 @@ class LoopConfig:
     sensors: LevelSensors = PLAIN
     start: StartConfig = field(default_factory=StartConfig)
     moves: tuple[tuple[int, ReferenceMove], ...] = ()
+
+    @cached_property
+    def is_own_law(self) -> bool:
+        """Whether the law is one of this project's, which needs no copies of what the loop goes on to use."""
+        return is_own(self.law)
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,7 +224,8 @@ def step(
         excess_V=last.excess_V,
         authority=last.authority,
     )
-    law_memory, answer = config.law.step(state.law_memory, inputs_of_law(known, references))
+    told = known if config.is_own_law else inputs_of_law(known, references)
+    law_memory, answer = config.law.step(state.law_memory, told)
     request = checked(answer)
     (v1, v2), (o1, o2) = request.drive_V, probe.offset_V
     drive = (v1 + o1, v2 + o2)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any
 
 from hil.core.control_law import FeedbackRecord, LawRequest
@@ -19,6 +20,7 @@ CODES = ("reconfigured", "target", "law")
 MAX_TEXT, MAX_SHOWN = 300, 64
 """Longest text, and most numbers or events of one step."""
 
+FLOATS = {float}
 GAINS = 12
 """Of two pumps, from four levels and two integrals."""
 
@@ -71,9 +73,17 @@ def _shown(shown: Any) -> dict[str, float]:
     if len(shown) > MAX_SHOWN:
         raise ValueError(f"the control law shows {len(shown)} numbers: at most {MAX_SHOWN}")
     for name in shown:
-        if not (isinstance(name, str) and NAME.match(name)):
+        if not (isinstance(name, str) and _is_name(str(name))):
             raise ValueError(f"the control law shows {_brief(name)}: names have letters, digits and _, at most 40")
-    return {str(name): _number(f"shown {name!r}", value) for name, value in shown.items()}
+    return {
+        str(name): value if type(value) is float else _number(f"shown {name!r}", value) for name, value in shown.items()
+    }
+
+
+@lru_cache(maxsize=256)
+def _is_name(name: str) -> bool:
+    """Whether a number may be shown by this name. Kept: a law shows the same names at every step."""
+    return NAME.match(name) is not None
 
 
 def _events(events: Any) -> tuple[Event, ...]:
@@ -103,7 +113,7 @@ def _feedback(shown: Any) -> FeedbackRecord:
     gain = shown.gain
     if type(gain) is not tuple or len(gain) != GAINS:
         raise TypeError(f"the control law's feedback.gain must be {GAINS} numbers, not {_brief(gain)}")
-    if not all(type(value) is float for value in gain):
+    if set(map(type, gain)) != FLOATS:
         gain = tuple(_number("feedback.gain", value) for value in gain)
     return FeedbackRecord(
         operating_V=_pair("feedback.operating_V", shown.operating_V),

@@ -1,6 +1,7 @@
 """Copies of what a control law is given, so that whatever it does to them can't change what the interlocks work with.
 
-Records are frozen, but `object.__setattr__` changes a frozen record all the same.
+Records are frozen, but `object.__setattr__` changes a frozen record all the same. The laws of this project only read
+what they are given, so they get it as it is.
 """
 
 from __future__ import annotations
@@ -23,6 +24,15 @@ _VALUES: dict[type[Any], Any] = {
     for kind in (LawInputs, Estimate, Diagnosis, Followed, RunReferences, StartPhase)
 }
 """All values of a record in the order of its constructor: at every step, a third of the time of `replace`."""
+
+
+OWN_LAWS = "hil.core.laws."
+"""The package of this project's laws."""
+
+
+def is_own(law: object) -> bool:
+    """Whether a law is one of this project's."""
+    return type(law).__module__.startswith(OWN_LAWS)
 
 
 def copied(record: Record) -> Record:

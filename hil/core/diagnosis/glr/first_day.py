@@ -46,8 +46,8 @@ _RESULT = StepResult.empty()
 def step(config: DetectorConfig, m: Memory, log_likelihood: float) -> None:
     """One step of the wide filter. log_likelihood : of this step's readings in the main filter, as it has just been."""
     tuning = config.tuning
-    age_s = m.now * float(m.entry[PERIOD])
     if m.is_wide:
+        age_s = m.now * float(m.entry[PERIOD])
         is_due = age_s >= max(2.0 * m.relearned_s, tuning.relearn_from_s)
         if is_due and age_s < tuning.relearn_until_s and m.suspicion is None:
             _forget_share(m.P, tuning.relearn_keep, config.wide_prior)

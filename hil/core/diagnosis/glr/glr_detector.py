@@ -10,10 +10,8 @@ Why this method: `docs/decisions/0009-diagnosis-by-likelihood-ratios.md`. Why th
 
 from __future__ import annotations
 
-from math import exp, isfinite, nan
+from math import exp, isfinite, nan, sqrt
 from typing import Any
-
-import numpy as np
 
 from hil.core.diagnosis.glr import (
     ambiguity,
@@ -30,6 +28,7 @@ from hil.core.diagnosis.glr import (
     unknown,
 )
 from hil.core.diagnosis.glr.filter import DOUBT, PERIOD
+from hil.core.diagnosis.glr.growth import NO_GROWTH
 from hil.core.diagnosis.glr.hypotheses import PUMPS
 from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
 from hil.core.diagnosis.glr.model import LAG, LEVEL
@@ -127,19 +126,21 @@ class GlrDetector:
         floor_V2, gain = self.config.floor_V2, self.config.model.level_gain_V_cm
         scale, expected_cm = m.scale.tolist(), m.x[:4].tolist()
         levels, variances = [nan] * 4, [1.0] * 4
+        valid, count, shows_level = measurement.valid, n if n > 1 else 1, self.config.shows_level
         for i, sensor in enumerate(m.sensors):
-            if level_V[i] < MAX_READING_V and self.config.shows_level(i, level_V[i], gain * expected_cm[i]):
+            if level_V[i] < MAX_READING_V and shows_level(i, level_V[i], gain * expected_cm[i]):
                 sensor.learn(measurement, i, is_used=usable[i])
-                if n > 0 and usable[i] and measurement.valid[i]:
+                if n > 0 and usable[i] and valid[i]:
                     levels[i] = level_V[i]
-            variances[i] = scale[i] * (sensor.current_variance / max(n, 1) + floor_V2[i])
+            variances[i] = scale[i] * (sensor.current_variance / count + floor_V2[i])
         mean_age_s = measurement.age_s + 0.5 * dt * (n - 1) / n if n > 0 else 0.0
         doubts = self._voltage_doubts(m, dt, applied_V)
         if max(doubts) > 0.0:  # a mean over a time in which the flow changed at an unknown moment
             levels = [nan] * 4
         # in the order of the layout of an entry, see `filter`
         weight = min(max(1.0 - mean_age_s / dt, 0.0), 1.0)
-        m.entry[:] = (*applied_V, *levels, *variances, dt, weight, *doubts, *(dt * unknown.walk(m)))
+        walks = [dt * walk for walk in unknown.walk(m).tolist()]
+        m.entry[:] = (*applied_V, *levels, *variances, dt, weight, *doubts, *walks)
 
     def _voltage_doubts(self, m: Memory, dt: float, applied_V: Pair) -> tuple[float, float]:
         """(2,) V, how wrong the lagged voltages are taken to be at the start of a period of dt seconds.
@@ -151,6 +152,8 @@ class GlrDetector:
         is_gap = dt > GAP_PERIODS * m.usual_s
         if not is_gap:
             m.usual_s = dt
+        if before_V == applied_V:
+            return 0.0, 0.0
         doubts = [0.0, 0.0]
         for j in PUMPS:
             change_V = abs(applied_V[j] - before_V[j])
@@ -162,7 +165,8 @@ class GlrDetector:
     def _filter(self, m: Memory) -> list[Alarm]:
         """One step of filter and bank."""
         model, entry = self.config.model, m.entry
-        kernels.grow(m.x, m.P, m.growing, entry[PERIOD])
+        if m.growing != NO_GROWTH:
+            kernels.grow(m.x, m.P, m.growing, entry[PERIOD])
         likelihood = kernels.filter_step(model, m.x, m.P, entry, m.result)
         m.history.no_jump[m.now % RING] = likelihood
         if m.unknown is None:
@@ -173,7 +177,7 @@ class GlrDetector:
             model.level_gain_V_cm, m.now, entry, m.result, m.bank, m.min_jumps(), m.best
         )
         m.keep_filter(slot)
-        if entry[PERIOD] > LONG_GAP_S and max(entry[DOUBT : DOUBT + 2]) > 0.0:
+        if float(entry[PERIOD]) > LONG_GAP_S and max(entry[DOUBT : DOUBT + 2]) > 0.0:
             m.forget_levels()
         if m.suspicion is None:
             self._learn_noise(m)
@@ -184,35 +188,39 @@ class GlrDetector:
         """Assume more noise where innovations are larger than expected, but not while a fault may be the reason."""
         tuning = self.config.tuning
         is_calm = m.max_ratio < tuning.calm and m.unknown is None
-        age_s = m.now * float(m.entry[PERIOD])
+        entry = m.entry
+        period_s = float(entry[PERIOD])
+        age_s = m.now * period_s
         is_first = age_s < tuning.first_learning_s and m.unknown is None
         gain = self.config.model.level_gain_V_cm
-        kernels.learn_process_noise(gain, m.entry, m.result, m.noise, age_s, is_calm or is_first)
+        kernels.learn_process_noise(gain, entry, m.result, m.noise, age_s, is_calm or is_first)
         pace = tuning.scale_pace if is_calm else 0.0
-        square = kernels.learn_scale(m.entry, m.result, m.scale, pace)
+        square = kernels.learn_scale(entry, m.result, m.scale, pace)
         if square >= 0.0:
-            share = min(float(m.entry[PERIOD]) / tuning.diverged_s, 1.0)
+            share = min(period_s / tuning.diverged_s, 1.0)
             m.mean_square += share * (min(square, MAX_MEAN_SQUARE) - m.mean_square)
 
     def _diagnosis(self, m: Memory, alarms: list[Alarm]) -> Diagnosis:
         gain = self.config.model.level_gain_V_cm
         h1, h2, h3, h4 = m.x[LEVEL : LEVEL + 4].tolist()
         level_V = (gain * h1, gain * h2, gain * h3, gain * h4)
-        w1, w2, w3, w4 = np.sqrt(m.noise.walk).tolist()
+        w1, w2, w3, w4 = m.noise.walk.tolist()
+        level_walk = (sqrt(w1), sqrt(w2), sqrt(w3), sqrt(w4))
         hidden_cm = hidden_level.levels_cm(self.config, m)
         if not m.declared and not m.lost and not m.strength and m.unknown is None:
             return Diagnosis(
                 new_alarms=tuple(alarms),
                 level_V=level_V,
                 is_diverged=self._is_diverged(m, h1),
-                level_walk_cm_sqrt_s=(w1, w2, w3, w4),
+                level_walk_cm_sqrt_s=level_walk,
                 open_question=ambiguity.open_question(self.config, m),
                 hidden_cm=hidden_cm,
             )
         stuck = [j in m.declared and m.declared[j].kind == "pump_stuck_on" for j in PUMPS]
         distrusted = [m.distrusted(i) for i in range(4)]
-        p1, p2, p3, p4 = (m.lost[i].proven_V if i in m.lost else 0.0 for i in range(4))
-        refuted = [i in m.lost and m.lost[i].kind != "sensor_drift" for i in range(4)]
+        proven, refuted = [0.0] * 4, [False] * 4
+        for i, lost in m.lost.items():
+            proven[i], refuted[i] = lost.proven_V, lost.kind != "sensor_drift"
         return Diagnosis(
             effectiveness=declaration.effectiveness(m),
             new_alarms=tuple(alarms),
@@ -226,10 +234,10 @@ class GlrDetector:
             unknown_s=m.unknown_s,
             possible_V=unknown.possible_V(self.config, m),
             refuted=(refuted[0], refuted[1], refuted[2], refuted[3]),
-            proven_V=(p1, p2, p3, p4),
+            proven_V=(proven[0], proven[1], proven[2], proven[3]),
             valve_split=declaration.valve_split(self.config, m),
             waterways=identified.waterways(self.config, m),
-            level_walk_cm_sqrt_s=(w1, w2, w3, w4),
+            level_walk_cm_sqrt_s=level_walk,
             open_question=ambiguity.open_question(self.config, m),
             hidden_cm=hidden_cm,
         )

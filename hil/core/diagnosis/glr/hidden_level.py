@@ -15,6 +15,7 @@ from hil.core.diagnosis.glr.memory import DetectorConfig, Hidden, Memory
 from hil.core.diagnosis.glr.model import DRIFT, LEVEL, Array
 from hil.core.types import Pair
 
+NONE: Pair = (-inf, -inf)
 SURE_STDS = 2.0
 """The level is taken to be higher than found by so many of its standard deviations."""
 
@@ -57,6 +58,8 @@ def step(config: DetectorConfig, m: Memory, log_likelihood: float) -> None:
 
 def levels_cm(config: DetectorConfig, m: Memory) -> Pair:
     """(2,) levels of the lower tanks by drifts that are not excluded; -inf where there is none."""
+    if m.hidden is None and m.suspicion is None:
+        return NONE
     found = [-inf, -inf]
     if m.hidden is not None:
         found[m.hidden.tank] = _highest_cm(m.hidden.x, m.hidden.P, m.hidden.tank)

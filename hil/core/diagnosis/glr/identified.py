@@ -13,13 +13,13 @@ def waterways(config: DetectorConfig, m: Memory) -> Waterways | None:
     if not any(OUTLET <= JUMPS[j].state < BIAS for j in m.declared):
         return None
     x = m.x
-    left = (m.declared[j].healthy if j in m.declared else float(x[GAIN + j]) for j in PUMPS)
-    gain1, gain2 = (part * float(x[SCALE + j]) for j, part in zip(PUMPS, left, strict=True))
-    o1, o2, o3, o4 = (max(float(x[OUTLET + i]), 0.0) for i in range(4))
+    left1, left2 = (m.declared[j].healthy if j in m.declared else float(x[GAIN + j]) for j in PUMPS)
+    scale1, scale2 = x[SCALE : SCALE + 2].tolist()
+    o1, o2, o3, o4, leak3, leak4 = x[OUTLET : LEAK + 2].tolist()
     split1, split2 = (min(max(float(config.model.valve_split[i] * x[SPLIT + i]), 0.0), 1.0) for i in range(2))
     return Waterways(
-        outlet=(o1, o2, o3, o4),
-        leak=(max(float(x[LEAK]), 0.0), max(float(x[LEAK + 1]), 0.0)),
-        gain=(gain1, gain2),
+        outlet=(max(o1, 0.0), max(o2, 0.0), max(o3, 0.0), max(o4, 0.0)),
+        leak=(max(leak3, 0.0), max(leak4, 0.0)),
+        gain=(left1 * scale1, left2 * scale2),
         split=(split1, split2),
     )

@@ -6,6 +6,7 @@ Why in place: `docs/decisions/0010-numba.md`.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from math import inf, nan
 from typing import NamedTuple
 
@@ -444,19 +445,28 @@ class Memory:
         """The smallest jumps that count; what has been declared may also go back."""
         if not self.declared:
             return MIN_JUMPS
-        rise, fall = MIN_JUMPS.rise.copy(), MIN_JUMPS.fall.copy()
-        for j, fault in self.declared.items():
-            rise[j], fall[j] = JUMPS[j].rise[0], JUMPS[j].fall[0]
-            if fault.size < 0.0:
-                rise[j] = JUMPS[j].fall[0]
-        return MinJumps(rise=rise, fall=fall)
+        return _min_jumps(tuple((j, fault.size < 0.0) for j, fault in self.declared.items()))
 
     def distrusted(self, sensor: int) -> bool:
         """Whether a sensor's reading must not be used as it is."""
-        return not self.usable[sensor] or any(JUMPS[j].state in (BIAS + sensor, DRIFT + sensor) for j in self.declared)
+        if not self.usable[sensor]:
+            return True
+        declared = self.declared
+        return bool(declared) and any(JUMPS[j].state in (BIAS + sensor, DRIFT + sensor) for j in declared)
 
 
 MIN_JUMPS = MinJumps(
     rise=np.array([jump.rise[0] if jump.rises else np.inf for jump in JUMPS]),
     fall=np.array([jump.fall[0] if jump.falls else np.inf for jump in JUMPS]),
 )
+
+
+@lru_cache(maxsize=64)
+def _min_jumps(declared: tuple[tuple[int, bool], ...]) -> MinJumps:
+    """The smallest jumps with these faults declared: place in JUMPS, and whether it went down. Not to be changed."""
+    rise, fall = MIN_JUMPS.rise.copy(), MIN_JUMPS.fall.copy()
+    for j, has_fallen in declared:
+        rise[j], fall[j] = JUMPS[j].rise[0], JUMPS[j].fall[0]
+        if has_fallen:
+            rise[j] = JUMPS[j].fall[0]
+    return MinJumps(rise=rise, fall=fall)

@@ -25,6 +25,8 @@ def examine(config: DetectorConfig, m: Memory, measurement: Measurement) -> list
     m.is_doubtful = False
     for i in range(4):
         if m.usable[i]:
+            if i not in m.noisy and m.sensors[i].is_unremarkable(measurement, i):
+                continue
             kind, run = _fault(config, m, measurement, i)
             if kind:
                 alarms += _lose(config, m, i, kind, 1 + run // max(measurement.readings, 1))

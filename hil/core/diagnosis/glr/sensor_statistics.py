@@ -16,6 +16,7 @@ from math import isfinite, log
 from hil.core.types import Measurement
 
 STUCK_ODDS, DOUBTFUL_ODDS = 1e11, 1e3
+STUCK_LOG, DOUBTFUL_LOG = log(STUCK_ODDS), log(DOUBTFUL_ODDS)
 RUN_FACTOR = 2
 MAX_RUN = 100
 """If a healthy sensor may well repeat a code so often, the test is not applied."""
@@ -71,10 +72,10 @@ class SensorStatistics:
         if not isfinite(variance) or n < 2:
             return
         run = measurement.repeats[index]
-        if is_used and run <= self.last_run:
-            self.longest_run = max(self.longest_run, self.last_run)
+        if is_used and run <= self.last_run and self.last_run > self.longest_run:
+            self.longest_run = self.last_run
         self.last_run = run
-        healthy_V2 = max(self.variance_V2, MIN_VARIANCE_V2)
+        healthy_V2 = self.variance_V2 if self.variance_V2 > MIN_VARIANCE_V2 else MIN_VARIANCE_V2
         if jitter > NOISY_JITTER * healthy_V2:
             self.noisy_periods += 1
             self.newest_V2 = JITTER_TO_VARIANCE * jitter
@@ -85,24 +86,32 @@ class SensorStatistics:
             self.weight = min(self.weight + n - 1, NOISY_MEMORY_READINGS if self.healthy_V2 else MEMORY_READINGS)
             share = (n - 1) / self.weight
             self.variance_V2 += share * (variance - self.variance_V2)
-            self.repeat_share += ((measurement.repeats[index] > 0) - self.repeat_share) * share
+            self.repeat_share += ((run > 0) - self.repeat_share) * share
 
     def is_stuck(self, measurement: Measurement, index: int) -> bool:
         """Whether the run of equal readings is too long for chance."""
+        if measurement.repeats[index] == 0:
+            return False
         run = self._stuck_run()
         return run <= MAX_RUN and measurement.repeats[index] >= run
 
     def may_be_stuck(self, measurement: Measurement, index: int) -> bool:
         """Whether the run of equal readings is so long that a verdict should wait for the next ones."""
-        run = max(self._run_beyond(DOUBTFUL_ODDS), self.longest_run)
+        if measurement.repeats[index] == 0:
+            return False
+        run = max(self._run_beyond(DOUBTFUL_LOG), self.longest_run)
         return self._stuck_run() <= MAX_RUN and measurement.repeats[index] >= run
 
     def _stuck_run(self) -> float:
-        return max(self._run_beyond(STUCK_ODDS), RUN_FACTOR * self.longest_run)
+        return max(self._run_beyond(STUCK_LOG), RUN_FACTOR * self.longest_run)
 
-    def _run_beyond(self, odds: float) -> float:
-        """The run of equal readings that a healthy sensor shows less than once in so many readings."""
-        return -log(odds) / log(min(max(self.repeat_share, 0.05), 0.95))
+    def _run_beyond(self, log_odds: float) -> float:
+        """The run of equal readings, above 0, that a healthy sensor shows less than once in so many readings."""
+        return -log_odds / log(min(max(self.repeat_share, 0.05), 0.95))
+
+    def is_unremarkable(self, measurement: Measurement, index: int) -> bool:
+        """Whether no test of this module can find anything in this period: no reading repeated, not valid or noisy."""
+        return not (self.noisy_periods or measurement.repeats[index] or measurement.invalid_run[index])
 
     def is_noisy(self) -> bool:
         """Whether the readings have been noisy for long enough."""

@@ -61,7 +61,9 @@ def begin(config: DetectorConfig, m: Memory, pump: int, number: int, detected_s:
 
 def step(config: DetectorConfig, m: Memory, log_likelihood: float) -> list[Alarm]:
     """One step of every check. log_likelihood : of this step's readings in the main filter."""
-    alarms = []
+    alarms: list[Alarm] = []
+    if not m.stuck_checks:
+        return alarms
     for p in list(m.stuck_checks.values()):
         grows = BOTH_GAINS if m.growing == BOTH_GAINS else GAIN + p.pump
         growing_likelihood = config.filter_beside(p.growing_x, p.growing_P, m.entry, grows)
