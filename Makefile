@@ -20,7 +20,7 @@ BY_FILE      := --dist loadfile --no-loadscope-reorder
 COVERED := --cov-branch --cov-fail-under=100 --cov-report=term-missing:skip-covered \
 	$(addprefix --cov=hil.,core.supervisor core.interlocks core.overshoot core.live_levels core.inflow_watch core.dry_watch wire.frame_check wire.command_sender)
 
-.PHONY: help setup demo test test-socketcan test-long mutants lint unit live benchmarks docs docs-serve lock clean
+.PHONY: help setup demo test test-socketcan test-long long mutants lint unit live benchmarks docs docs-serve lock clean
 
 help:            ## show this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*##/\t/'
@@ -30,7 +30,7 @@ setup: $(READY)  ## make .venv with the pinned packages and this project in it
 $(READY): requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed: make PYTHON=..." >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-compile --require-hashes -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	$(BIN)/python -m hil.core.diagnosis.glr
 	$(BIN)/python -m hil.core.identification
@@ -58,13 +58,16 @@ unit: $(READY)   ## the test suite: on all cores, then live runs beside each oth
 test-socketcan: $(READY)  ## the tests on the kernel's CAN buses, in a guest where this kernel has none
 	@$(BIN)/python -m tools.guest test
 
-test-long: $(READY)  ## simulated hours, hundreds of pairs of faults, mutants: a quarter of an hour on two cores
-	$(BIN)/python -m pytest -n $(CORES) --dist worksteal -m long
-	$(MAKE) --no-print-directory mutants
+test-long: long mutants  ## both: ten minutes on two cores, with make -j2
 
+long: export OPENBLAS_NUM_THREADS := 1
+long: $(READY)   ## simulated hours, hundreds of pairs of faults, examples, blocks of the documentation
+	$(BIN)/python -m pytest -n $(CORES) --dist worksteal -m long
+
+# nice: the long tests beside it, some of which run in real time, come first
 mutants: $(READY)  ## every small change of the safety modules, and a sample of those elsewhere, must fail a test
-	$(BIN)/python -m tools.mutants
-	$(BIN)/python -m tools.mutants --sample $(SAMPLE) --seed $(SEED)
+	nice -n 5 $(BIN)/python -m tools.mutants
+	nice -n 5 $(BIN)/python -m tools.mutants --sample $(SAMPLE) --seed $(SEED)
 
 benchmarks: $(READY)  ## timings as ratios, for docs/reference/benchmarks.md
 	$(BIN)/python -m tools.benchmark

@@ -72,7 +72,9 @@ def count_operations(command_line: CommandLine, root: Path, *arguments: str | Pa
     return disk.operations
 
 
-@pytest.mark.parametrize("only_once", [False, True], ids=["stays full", "fails once"])
+@pytest.mark.parametrize(
+    "only_once", [pytest.param(False, id="stays full"), pytest.param(True, id="fails once", marks=pytest.mark.long)]
+)
 def test_a_disk_that_fills_at_any_write_of_a_run(
     command_line: CommandLine, scenario: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, only_once: bool
 ) -> None:
@@ -241,7 +243,7 @@ def test_no_file_may_grow_beyond_a_limit(tmp_path: Path) -> None:
     assert_no_debris(folder)
 
 
-@pytest.mark.parametrize("command", ["simulate", "design", "--help"])
+@pytest.mark.parametrize("command", [pytest.param("simulate", marks=pytest.mark.long), "design", "--help"])
 def test_standard_output_on_a_full_device(scenario: Path, tmp_path: Path, command: str) -> None:
     """It used to be a traceback, and with it a run without a report."""
     folder = tmp_path / "run"

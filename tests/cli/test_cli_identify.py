@@ -13,6 +13,7 @@ from tests.cli.cli_bench import CONFIG, CommandLine, assert_refused
 EXPERIMENT = ("--emulator", "--minutes", "0.4", "--no-rerun")
 
 
+@pytest.mark.long
 def test_an_experiment_with_the_emulator_ends_with_the_parameters(tmp_path: Path, command_line: CommandLine) -> None:
     out = tmp_path / "x"
     done = command_line("hil", "identify", *EXPERIMENT, "--out", out)

@@ -11,6 +11,7 @@ from tests.closed_loop.conftest import Plan, Planned
 from tests.closed_loop.loop_experiment import Experiment, Loss, Run
 
 LOSS_AT_S = 20.0
+PUMPS = (1, pytest.param(2, marks=pytest.mark.long))
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +35,7 @@ def errors_V(run: Run) -> Any:  # noqa: N802
     return run.pair("r{}_V") - 0.5 * run.levels_cm()[:, :2]
 
 
-@pytest.mark.parametrize("pump", [1, 2])
+@pytest.mark.parametrize("pump", PUMPS)
 def test_the_rigs_design_settles_with_gains_kept(runs: dict[tuple[str, int], Planned], pump: int) -> None:
     run = runs["rig", pump].result()
     assert run.kpi.status == "complete"
@@ -46,7 +47,7 @@ def test_the_rigs_design_settles_with_gains_kept(runs: dict[tuple[str, int], Pla
     assert command.std(axis=0).max() < 0.01
 
 
-@pytest.mark.parametrize("pump", [1, 2])
+@pytest.mark.parametrize("pump", PUMPS)
 def test_the_other_output_hardly_notices(runs: dict[tuple[str, int], Planned], pump: int) -> None:
     run = runs["rig", pump].result()
     error = np.abs(errors_V(run))[run.columns["t_s"] < 240.0]

@@ -58,11 +58,11 @@ def test_the_continuous_reference_reproduces_table_3_to_the_printed_digit(
 
 @pytest.mark.parametrize("gains", EXPERIMENTS)
 @pytest.mark.parametrize("window", ["gain_fall", "reference_step"])
-def test_every_cell_comes_nearer_to_continuous_time_as_the_period_shrinks(
+def test_every_cell_is_that_of_continuous_time_but_for_an_error_of_the_periods_size(
     runs: dict[tuple[str, float], Planned], continuous: dict[str, dict[str, Pair]], window: str, gains: str
 ) -> None:
-    for period_s in PERIODS_S:
-        assert_near(runs[gains, period_s].result().kpi.iae_Vs[window], continuous[gains][window], period_s)
+    """At the coarsest period; at the finer ones, too, in the long test."""
+    assert_near(runs[gains, PERIODS_S[0]].result().kpi.iae_Vs[window], continuous[gains][window], PERIODS_S[0])
 
 
 def total_error(
@@ -76,9 +76,14 @@ def total_error(
     )
 
 
-def test_the_error_is_of_first_order_in_the_period(
+@pytest.mark.long
+def test_every_cell_comes_nearer_to_continuous_time_as_the_period_shrinks_and_in_first_order(
     runs: dict[tuple[str, float], Planned], continuous: dict[str, dict[str, Pair]]
 ) -> None:
+    for period_s in PERIODS_S:
+        for gains, windows in continuous.items():
+            for window, limits in windows.items():
+                assert_near(runs[gains, period_s].result().kpi.iae_Vs[window], limits, period_s)
     coarse, middle = (total_error(runs, continuous, period_s) for period_s in PERIODS_S)
     assert 1.7 < coarse / middle < 2.3  # first order: 2
 

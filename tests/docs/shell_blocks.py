@@ -32,6 +32,7 @@ REASONS = {
     "needs minutes on all cores",
     "changes your own shell",
     "runs this test itself",
+    "a part of make demo",
 }
 
 _BLOCK = re.compile(

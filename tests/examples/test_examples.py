@@ -23,6 +23,7 @@ def run_example(
     return run
 
 
+@pytest.mark.long
 def test_simulate_and_plot(run_example: Callable[[str], str], tmp_path: Path) -> None:
     out = run_example("simulate_and_plot")
     assert "paper: complete" in out

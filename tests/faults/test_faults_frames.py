@@ -79,12 +79,15 @@ def test_case_02_random_loss_for_an_hour() -> None:
 
 
 @pytest.mark.long
-def test_case_02_random_loss_both_ways_for_an_hour() -> None:
-    """5 % of all frames, commands too, with a control period of 40 ms: six commands in a row would have to be lost."""
+def test_case_02_random_loss_both_ways_for_ten_minutes() -> None:
+    """5 % of all frames, commands too, with a control period of 40 ms: six commands in a row would have to be lost.
+
+    Ten minutes have 15 000 commands: a limit that four losses in a row reached would fail here, as it would in an hour.
+    """
     rig = {"control": {"period_s": 0.04}}
-    run = play(scenario_data(fault("frame_loss", 0.0, "all", 0.05), duration_s=3600.0, rig=rig), seed=2, checks=False)
+    run = play(scenario_data(fault("frame_loss", 0.0, "all", 0.05), duration_s=600.0, rig=rig), seed=2, checks=False)
     assert_no_trip(run)
-    assert run.outcome.commands_lost > 3000
+    assert run.outcome.commands_lost > 500
     assert (run.seen.range_broken, run.seen.latch_broken) == ("", "")
 
 

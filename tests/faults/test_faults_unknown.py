@@ -66,7 +66,7 @@ TWINS = [
 """Faults of targets 1 and 2 that begin at the very same moment."""
 
 
-@pytest.mark.parametrize("twin", first(3, *TWINS))
+@pytest.mark.parametrize("twin", first(2, *TWINS))
 def test_two_faults_at_the_same_moment_stay_safe(twin: tuple[str, float, str, float]) -> None:
     """Only the two pumps are one hypothesis. What else comes at once is unknown, or has other names, but stays safe.
 

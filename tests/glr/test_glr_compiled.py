@@ -72,6 +72,7 @@ def cache_files(package: Path) -> set[str]:
     return {file.name for file in (package / "__pycache__").glob("*.nb[ci]")}
 
 
+@pytest.mark.long
 def test_a_change_of_a_helper_in_another_file_is_seen_and_nothing_outdated_remains(toy: Path) -> None:
     """numba looks at the file of the function alone: the old helper stayed in force until the cache was deleted.
 

@@ -52,7 +52,7 @@ def test_periods_without_readings_leave_the_others_to_judge() -> None:
     assert inflow_check.is_missing(CONFIG, memory, 0)
 
 
-@pytest.mark.parametrize("pump", [0, 1])
+@pytest.mark.parametrize("pump", [0, pytest.param(1, marks=pytest.mark.long)])
 def test_in_a_nearly_empty_tank_a_dead_pump_is_told_from_a_weak_one(pump: int) -> None:
     """With the outflow of a tank of a few millimetres taken for that of a centimetre, a dead pump seemed to deliver."""
     dead, weak = [1.0, 1.0], [1.0, 1.0]

@@ -48,6 +48,7 @@ def test_the_emulated_rig_is_found_from_its_frames() -> None:
     assert found.noise.noise_V == pytest.approx((0.005,) * 4, rel=0.05)
 
 
+@pytest.mark.long
 def test_the_scatter_of_the_estimates_is_the_cramer_rao_bound() -> None:
     voltage_V = moving(5)
     off = [
