@@ -21,6 +21,7 @@ from hil.cli.commands import (
     design,
     doctor,
     identify,
+    panel,
     report,
     run,
     simulate,
@@ -34,6 +35,7 @@ from hil.version import __version__
 COMMANDS: tuple[ModuleType, ...] = (
     simulate,
     run,
+    panel,
     doctor,
     calibrate,
     identify,

@@ -37,6 +37,12 @@ LawName = Annotated[
     Optional[str],
     typer.Option("--law", metavar="NAME", help="A control law with its defaults, in place of the scenario's."),
 ]
+PanelEmulator = Annotated[
+    Optional[str],
+    typer.Option(
+        "--emulator", metavar="PATH|PORT", help="For the panel's page of faults: where firmware-sim --control listens."
+    ),
+]
 RigFile = Annotated[
     Optional[str],
     typer.Option(

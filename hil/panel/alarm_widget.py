@@ -30,8 +30,10 @@ class AlarmPage(Vertical):
 
     def compose(self) -> ComposeResult:
         """List and details."""
+        yield Static("Alarms", classes="page-title")
         yield OptionList(id="alarm-list", markup=False)
         yield Static("No alarm.", id="alarm-detail", markup=False)
+        yield Static("k acknowledge  K all  s shelve", classes="hint")
 
     @property
     def chosen(self) -> ShownAlarm | None:

@@ -17,12 +17,13 @@ STOP_LINE = "[@click=app.stop_run][b on #af0000] ■ STOP: Ctrl+X [/][/] works h
 
 
 class QuestionDialog(ModalScreen[bool]):
-    """Asks before something moves water; Enter or y is yes."""
+    """Asks before something moves water. y is yes; Enter is no at first, so that one too many does no harm."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("y", "yes", "Yes"),
         Binding("n,escape", "no", "No"),
     ]
+    AUTO_FOCUS = "#no"
 
     def __init__(self, question: str) -> None:
         super().__init__()
@@ -107,19 +108,21 @@ class EntryDialog(ModalScreen[EntryRequest | None]):
 
 HELP = """\
 [b]Keys[/b]
-[b]Ctrl+X[/b] or [b]F8[/b]  stop the run: pumps ramp down to 0 V (no question, in every dialog)
+[b]Ctrl+X[/b] or [b]F8[/b]  stop: both pumps ramp down to 0 V, the run ends;
+               without a question, in every dialog
 [b]Ctrl+Q[/b] or [b]q[/b]   leave the panel; the run goes on
-[b]1[/b] … [b]4[/b]  alarms, trends, events, emulator     [b]Tab[/b]  next list
-[b]r[/b]  references        [b]m[/b]  manual voltages     [b]a[/b]  automatic control
-[b]h[/b]  hold or resume the scenario's clock     [b]b[/b]  bypass an interlock
-[b]c[/b]  clear a trip      [b]n[/b]  note for the record   [b]p[/b]  mark this moment
-[b]k[/b]  acknowledge the chosen alarm   [b]K[/b]  all   [b]s[/b]  shelve
+[b]1[/b] … [b]4[/b]  alarms, trends, events, emulator    [b]Tab[/b]  next list
+[b]r[/b]  references      [b]m[/b]  manual voltages    [b]a[/b]  automatic control
+[b]h[/b]  hold or resume the scenario's clock    [b]b[/b]  bypass an interlock
+[b]c[/b]  clear a trip    [b]n[/b]  note for the record   [b]p[/b]  mark this moment
+[b]k[/b]  acknowledge the chosen alarm   [b]K[/b]  all   [b]s[/b]  shelve it
 
 [b]Signs[/b]
-◀ reference   ◁ where it goes   ╌ level that trips the run   ! level near it
-? with ▒▒▒  sensor not trusted: the estimated level is shown
+◀ reference   ◁ where it goes   ╌ level that trips   ! level near it
+? and ▒▒▒  sensor not trusted: the level shown is estimated
 ▶ pump runs   ■ pump at rest   ▼ effectiveness below 0.95
-Alarms: H M L priority; ! active, ↩ over but not acknowledged, ✓ acknowledged, z shelved
+Alarms: H M L priority, ! active, ↩ over but not acknowledged,
+        ✓ acknowledged, z shelved
 """
 
 

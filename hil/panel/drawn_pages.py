@@ -6,7 +6,7 @@ from rich.text import Text
 from textual.app import ComposeResult, RenderResult
 from textual.containers import Vertical
 from textual.widget import Widget
-from textual.widgets import RichLog
+from textual.widgets import RichLog, Static
 
 from hil.panel.run_messages import ShownEvent
 from hil.panel.run_view import TREND_S, RunView
@@ -45,7 +45,7 @@ class TrendPage(Widget):
         size, trends = self.content_size, self._view.trends()
         height = max((size.height - 1) // len(trends), 2)
         charts = [trend_chart(trend, size.width, height, TREND_S) for trend in trends]
-        minutes = f"last {TREND_S / 60:g} min, now at the right; ┄ reference"
+        minutes = f"last {TREND_S / 60:g} min   ┄ reference"
         return Text("\n").join([*charts, Text(minutes, "#9aa0a6")])
 
 
@@ -58,6 +58,7 @@ class EventPage(Vertical):
 
     def compose(self) -> ComposeResult:
         """The log."""
+        yield Static("Events", classes="page-title")
         yield RichLog(id="event-log", wrap=True, min_width=10, max_lines=500)
 
     def add(self, event: ShownEvent) -> None:

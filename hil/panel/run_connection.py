@@ -9,6 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
+from hil.core.errors import HilError
 from hil.panel.run_messages import (
     RunAnswer,
     ShownEvent,
@@ -48,7 +49,7 @@ class RunListener(Protocol):
 class RunConnection:
     """A connection to the run whose socket `find` names. `follow` does the work until it is cancelled."""
 
-    def __init__(self, find: Callable[[], Path | None], listener: RunListener, retry_s: float = RETRY_S) -> None:
+    def __init__(self, find: Callable[[], Path], listener: RunListener, retry_s: float = RETRY_S) -> None:
         self._find, self._listener, self._retry_s = find, listener, retry_s
         self._writer: asyncio.StreamWriter | None = None
         self._waiting: dict[int, asyncio.Future[RunAnswer]] = {}
@@ -90,9 +91,10 @@ class RunConnection:
 
     async def _read_until_lost(self) -> str:
         """Why the connection was lost."""
-        path = self._find()
-        if path is None:
-            return "no running run was found"
+        try:
+            path = self._find()
+        except HilError as error:
+            return str(error)
         try:
             reader, self._writer = await asyncio.open_unix_connection(path, limit=LINE_MAX)
             self._send({"do": "subscribe", "rate_hz": STATES_HZ, "events": True})

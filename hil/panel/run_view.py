@@ -41,11 +41,13 @@ class RunView:
             self.received_s = math.nan
         self.run, self.lost, self.ended = run, "", ""
 
-    def received(self, state: ShownState, now_s: float) -> None:
-        """A state came. The history keeps one for each SAMPLE_S."""
+    def received(self, state: ShownState, now_s: float) -> bool:
+        """A state came. The history keeps one for each SAMPLE_S; returns whether it has this one."""
         self.state, self.received_s = state, now_s
-        if not self.history or abs(state.t_s - self.history[-1].t_s) >= SAMPLE_S:
+        is_kept = not self.history or abs(state.t_s - self.history[-1].t_s) >= SAMPLE_S
+        if is_kept:
             self.history.append(state)
+        return is_kept
 
     def is_old(self, now_s: float) -> bool:
         """Whether the numbers shown are not those of now."""

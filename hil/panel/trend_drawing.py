@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 from rich.text import Text
 
@@ -43,10 +44,16 @@ def trend_chart(trend: Trend, width: int, height: int, span_s: float) -> Text:
     lines = [head]
     for row in range(rows):
         label = f"{high:5.1f} " if row == 0 else f"{low:5.1f} " if row == rows - 1 else " " * LABEL
-        text = Text(label, SOFT)
-        for column in range(columns):
-            bits, wanted_bits = line[row][column], dotted[row][column]
-            text.append(chr(BRAILLE | bits | wanted_bits), WATER if bits else REFERENCE if wanted_bits else SOFT)
+        text = Text.assemble((label, SOFT))
+        signs = [
+            (
+                chr(BRAILLE | bits | wanted_bits) if bits | wanted_bits else " ",
+                WATER if bits or not wanted_bits else REFERENCE,
+            )
+            for bits, wanted_bits in zip(line[row], dotted[row], strict=True)
+        ]
+        for style, group in groupby(signs, key=lambda sign: sign[1]):
+            text.append("".join(sign for sign, _ in group), style)
         lines.append(text)
     return Text("\n").join(lines)
 

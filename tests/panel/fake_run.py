@@ -12,7 +12,7 @@ from typing import Any
 HELLO: dict[str, Any] = {
     "folder": "/data/runs/steps",
     "scenario": "steps",
-    "pid": 4711,
+    "pid": 0,  # no process: none must be signalled
     "duration_s": 500.0,
     "period_s": 0.1,
     "rig": {
@@ -72,13 +72,13 @@ def state(t_s: float = 123.4, **others: Any) -> dict[str, Any]:
 
 
 class FakeRun:
-    """The server. requests : what came, `subscribe` left out. answers : for a `do`; otherwise accepted."""
+    """The server. requests : what came, `subscribe` left out. is_deaf : gives no answer."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.hello: dict[str, Any] = HELLO
         self.requests: list[dict[str, Any]] = []
-        self.answers: dict[str, dict[str, Any]] = {}
+        self.is_deaf = False
         self._clients: list[asyncio.StreamWriter] = []
         self._last: list[dict[str, Any]] = []
 
@@ -107,10 +107,10 @@ class FakeRun:
         with suppress(OSError, asyncio.CancelledError):
             while line := await reader.readline():
                 request = json.loads(line)
-                answer = {"ok": True, "t_s": 1.0, "text": request["do"]} | self.answers.get(request["do"], {})
                 if request["do"] != "subscribe":
                     self.requests.append({key: request[key] for key in request if key not in ("v", "id")})
-                self._write(writer, {"id": request.get("id")} | answer)
+                if not self.is_deaf:
+                    self._write(writer, {"id": request.get("id"), "ok": True, "t_s": 1.0, "text": request["do"]})
 
     @staticmethod
     def _write(client: asyncio.StreamWriter, message: dict[str, Any]) -> None:

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import asyncio
+import math
+import signal
+import subprocess
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Any
 
+import pytest
 from textual.pilot import Pilot
 from textual.widgets import Input, Static
 
 from hil.panel.panel_app import PanelApp
-from tests.panel.fake_run import ALARM, FakeRun, fake_run
+from hil.panel.run_messages import ShownRun, read_event, read_state
+from hil.panel.tank_drawing import tank_picture
+from tests.panel.fake_run import ALARM, HELLO, FakeRun, fake_run
 
 
 @asynccontextmanager
@@ -99,3 +106,49 @@ def test_a_lost_connection_is_said_and_made_again(tmp_path: Path) -> None:
             assert not pilot.app.screen.has_class("-old")
 
     asyncio.run(session())
+
+
+def test_the_stop_key_ends_a_run_that_does_not_answer(tmp_path: Path) -> None:
+    """The channel hangs: SIGTERM, which every run takes as an orderly stop."""
+    hanging = subprocess.Popen(["sleep", "60"])
+
+    async def session() -> None:
+        async with fake_run(tmp_path) as run:
+            run.hello = HELLO | {"pid": hanging.pid}
+            run.is_deaf = True
+            app = PanelApp(lambda: run.path)
+            async with app.run_test(size=(80, 24)) as pilot:
+                await until(pilot, lambda: app.process.is_alive)
+                await pilot.press("f8")
+                assert "STOP by SIGTERM" in shown(pilot, "message")
+
+    try:
+        asyncio.run(session())
+        assert hanging.wait(5.0) == -signal.SIGTERM
+    finally:
+        hanging.kill()
+        hanging.wait()
+
+
+def test_a_stop_that_can_not_be_sent_points_to_the_emergency_switch(tmp_path: Path) -> None:
+    async def session() -> None:
+        app = PanelApp(lambda: tmp_path / "none")
+        async with app.run_test(size=(80, 24)) as pilot:
+            await pilot.press("ctrl+x")
+            assert "STOP FAILED" in shown(pilot, "message")
+            assert "emergency switch" in shown(pilot, "message")
+
+    asyncio.run(session())
+
+
+def test_text_of_a_run_can_not_command_the_terminal() -> None:
+    assert read_event({"t_s": 1.0, "text": "a\x1b[2Jb\nc"}).text == "a [2Jb c"
+
+
+@pytest.mark.parametrize(
+    "data", [{}, {"measured_cm": [1.0], "next": None, "alarms": [{}], "bypassed": {"dry_run": None}}]
+)
+def test_a_state_with_keys_missing_is_shown(data: dict[str, Any]) -> None:
+    state_ = read_state(data)
+    assert math.isnan(state_.measured_cm[3])
+    assert "T4" in tank_picture(ShownRun(), state_, 44, 20).plain

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Optional
@@ -10,6 +11,7 @@ import typer
 from rich.console import Console
 
 from hil.cli import exit_codes
+from hil.cli.beside_panel import BesidePanel
 from hil.cli.complaint import interruptible
 from hil.cli.options import (
     Bitrate,
@@ -19,6 +21,7 @@ from hil.cli.options import (
     Interface,
     LawName,
     OutDir,
+    PanelEmulator,
     ReportChoice,
     RerunChoice,
     RigFile,
@@ -62,6 +65,8 @@ def run(
         Optional[Path],
         typer.Option(metavar="PATH", help="Socket on which `hil ctl` reaches the run. Default: in the run folder."),
     ] = None,
+    panel: Annotated[bool, typer.Option("--panel", help="Show the operator's panel in this terminal.")] = False,
+    emulator: PanelEmulator = None,
 ) -> None:
     """Run a scenario in real time on a CAN bus: the rig's, or the emulator's (firmware-sim). Moves pumps."""
     from hil.edge.host.realtime import parse_request
@@ -87,7 +92,10 @@ def run(
         control=control,
     )
     console = Console()
-    with interruptible(), run_display.live_status(console, with_table=not realtime) as watch:
-        figures, outcome = live_run.run_live(bench, options, address, watch)
-    run_display.finish(console, folder, figures, with_report=report)
+    beside = BesidePanel(folder, control, emulator) if panel else nullcontext()
+    with_table = not realtime and not panel
+    with interruptible(), beside:
+        with run_display.live_status(console, with_table=with_table) as watch:
+            figures, outcome = live_run.run_live(bench, options, address, watch)
+        run_display.finish(console, folder, figures, with_report=report)
     raise typer.Exit(exit_codes.of_run(outcome.status, outcome.reason))

@@ -49,7 +49,8 @@ class ArrivalClock:
 class StopSignal:
     """SIGINT, SIGTERM and SIGHUP ask for an orderly stop; a second one raises KeyboardInterrupt. Use as a context.
 
-    Only the main thread can take signals over; in any other one this does nothing.
+    A SIGHUP that is ignored before (nohup) stays ignored. Only the main thread can take signals over; in any other one
+    this does nothing.
     """
 
     def __init__(self) -> None:
@@ -60,7 +61,8 @@ class StopSignal:
         """Take the signals over."""
         if threading.current_thread() is not threading.main_thread():
             return self
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        is_hangup_ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+        for number in (signal.SIGINT, signal.SIGTERM, *(() if is_hangup_ignored else (signal.SIGHUP,))):
             self._previous[number] = signal.signal(number, self._handle)
         return self
 
