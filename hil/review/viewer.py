@@ -83,7 +83,7 @@ def serve_page(path: Path, opening: Opening, say: Say, *, start_s: float = START
             opening.layout(layout)
             files.append(str(layout))
         data, page = free_port(), free_port()
-        with _ended(start([*files, "--port", str(data), *_page(page)])) as server:
+        with _ended(start([*files, "--port", str(data), *_page(page)], is_page=True)) as server:
             _await_start(server, opening.instead, start_s)
             say(address_of(page, data))
             server.wait()
@@ -105,7 +105,7 @@ def live_view(data: int, *, is_page: bool, say: Say) -> Iterator[None]:
     page = free_port()
     arguments = [url, "--port", str(free_port()), *(_page(page) if is_page else [])]
     try:
-        viewer = start(arguments, is_quiet=True)
+        viewer = start(arguments, is_page=is_page, is_quiet=True)
     except OSError as error:
         say(f"no viewer can be started ({error.strerror}); connect one to {url}")
         yield
@@ -120,13 +120,17 @@ def live_view(data: int, *, is_page: bool, say: Say) -> Iterator[None]:
         yield
 
 
-def start(arguments: Sequence[str], *, is_quiet: bool = False) -> subprocess.Popen[bytes]:
-    """Start Rerun's program with these arguments, in a session of its own. is_quiet : without its error messages."""
-    command = [sys.executable, "-m", "rerun_cli", *arguments, "--bind", HOST]
-    quiet = {"RUST_LOG": "error", **os.environ}
-    errors = subprocess.DEVNULL if is_quiet else None
+def start(arguments: Sequence[str], *, is_page: bool = False, is_quiet: bool = False) -> subprocess.Popen[bytes]:
+    """Start Rerun's program with these arguments. is_page : it ends with this program. is_quiet : without output."""
+    module = "hil.review.page_server" if is_page else "rerun_cli"
+    output = subprocess.DEVNULL if is_quiet else None
     return subprocess.Popen(  # noqa: S603 - our own arguments
-        command, stdin=subprocess.DEVNULL, stderr=errors, start_new_session=True, env=quiet
+        [sys.executable, "-m", module, *arguments, "--bind", HOST],
+        stdin=subprocess.PIPE if is_page else subprocess.DEVNULL,
+        stdout=output,
+        stderr=output,
+        start_new_session=True,
+        env={"RUST_LOG": "error", **os.environ},
     )
 
 
@@ -159,12 +163,12 @@ def _await_start(viewer: subprocess.Popen[bytes], instead: str, start_s: float) 
 
 @contextmanager
 def _ended(server: subprocess.Popen[bytes]) -> Iterator[subprocess.Popen[bytes]]:
-    """End a program that was started here, and the one that it has started."""
+    """Close the standard input of a page's server, by which it ends."""
     try:
         yield server
     finally:
-        with suppress(ProcessLookupError):
-            os.killpg(server.pid, 15)  # its session has no other processes
+        if server.stdin is not None:
+            server.stdin.close()
         server.wait()
 
 

@@ -85,7 +85,7 @@ def test_a_run_without_steps_has_no_moment(tmp_path: Path) -> None:
 
 def test_a_viewer_that_ends_at_once_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     failing = [sys.executable, "-c", "raise SystemExit(3)"]
-    monkeypatch.setattr(viewer, "start", lambda _: subprocess.Popen(failing, start_new_session=True))
+    monkeypatch.setattr(viewer, "start", lambda _, **__: subprocess.Popen(failing))
     with pytest.raises(NoViewerError, match=r"code 3.*the report is at x"):
         viewer.open_window(tmp_path, Opening(instead="the report is at x"))
     with pytest.raises(NoViewerError, match=r"code 3"):
