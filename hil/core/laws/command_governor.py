@@ -109,15 +109,14 @@ class CommandGovernor:
         low = np.concatenate([np.full(2 * n, self.drive_margin_V), np.full(4 * n, -np.inf)]) - now
         high = np.concatenate([np.tile(limit, n), np.tile(rim, n)]) - now
         wanted = np.array(target_V) - memory.command_V
-        free = np.array([1e3, 1e3])
-        change = solve_qp(
-            np.eye(2), -wanted, np.concatenate([-free, low]), np.concatenate([free, high]), loop.of_command
-        )
+        c1, c2 = memory.command_V
+        bounds = np.concatenate([[-c1, -c2], low]), np.concatenate([[1e3, 1e3], high])  # no output below an empty tank
+        change = solve_qp(np.eye(2), -wanted, *bounds, loop.of_command)
         if change is None or float(np.abs(change).max()) < CHANGE_V:
             return memory.command_V
         if float(np.abs(change - wanted).max()) < CHANGE_V:
             return target_V
-        return memory.command_V[0] + float(change[0]), memory.command_V[1] + float(change[1])
+        return max(c1 + float(change[0]), 0.0), max(c2 + float(change[1]), 0.0)
 
 
 def closed_loop(model: TankModel, law: StateFeedback, reference_weight: float) -> ClosedLoop:
