@@ -37,6 +37,7 @@ def run_live(
     but has no key figures.
     """
     config = controller_config(bench, options.duration_s)
+    config = replace(config, limits=replace(config.limits, attended_s=options.attended_s))
     clock = MonotonicClock()
     with ExitStack() as stack:
         recorder = stack.enter_context(ProcessRecorder())

@@ -23,7 +23,7 @@ class RunOptions:
 
     seed : of the emulator's noise. rerun : whether to write run.rrd. realtime : what to request of the system, live.
     live : a run in real time is served to viewers while it goes on; in a window, or as a page. None: it is not.
-    control : where a live run listens; None: in its folder.
+    control : where a live run listens; None: in its folder. attended_s : see `hil.core.attendance`.
     """
 
     out: Path
@@ -34,6 +34,7 @@ class RunOptions:
     realtime: RealTime | None = None
     live: LivePicture | None = None
     control: Path | None = None
+    attended_s: float = 0.0
 
 
 def default_folder(name: str, now: datetime) -> Path:

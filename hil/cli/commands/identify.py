@@ -28,7 +28,7 @@ def identify(
             "--out",
             metavar="DIR",
             help="The folder of the experiment. One that has a part of it already gets the rest. "
-            "Default: runs/<time>_identify.",
+            "Default: a new one in runs/.",
         ),
     ] = None,
     full: Annotated[

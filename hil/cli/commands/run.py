@@ -65,6 +65,15 @@ def run(
         Optional[Path],
         typer.Option(metavar="PATH", help="Socket on which `hil ctl` reaches the run. Default: in the run folder."),
     ] = None,
+    attended: Annotated[
+        float,
+        typer.Option(
+            metavar="SECONDS",
+            min=0.0,
+            max=86400.0,
+            help="Stop when no operator has sent a request for twice this time; an alarm comes after half of it.",
+        ),
+    ] = 0.0,
     panel: Annotated[bool, typer.Option("--panel", help="Show the operator's panel in this terminal.")] = False,
     emulator: PanelEmulator = None,
 ) -> None:
@@ -90,6 +99,7 @@ def run(
         realtime=wanted,
         live=shown,
         control=control,
+        attended_s=attended,
     )
     console = Console()
     beside = BesidePanel(folder, control, emulator) if panel else nullcontext()

@@ -1,7 +1,7 @@
 """The feedforward of the state feedback: it keeps the path of `hil.core.feedforward` over changes of all kinds.
 
 the reference changes      the path goes on from where it is, to the new target
-a pump's effectiveness     a large change, and while it is refined: the path begins anew from the lower levels estimated
+a pump's effectiveness     a large change, and while it is refined: it begins again from the lower levels estimated
                            and the flows that the pumps have now, and leads back within what is left of them. So the
                            integrals learn nothing of a loss. Otherwise, and where the outputs can't be moved each by
                            its own pump, the path goes on
@@ -95,7 +95,7 @@ class PathFollower:
         return PathState(path, target, target_V, model, limits, found)
 
     def _is_replanned(self, state: PathState, found: Found, target: Target, inputs: LawInputs) -> bool:
-        """Whether the path begins anew from where the rig is: a large change of a pump, and its refinements."""
+        """Whether the path begins again from where the rig is: a large change of a pump, and its refinements."""
         is_large = inputs.t_s <= inputs.followed.refined_until_s
         return is_large and found[0] != state.found[0] and target.gain is None and inputs.period_s > 0.0
 
