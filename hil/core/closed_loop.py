@@ -373,8 +373,7 @@ def _iae(state: LoopState, estimate: Estimate, period_s: float) -> Pair:
 
 def _events(references: RunReferences, old: LoopState, new: LoopState) -> tuple[Event, ...]:
     events = [_alarm(alarm) for alarm in new.diagnosis.new_alarms]
-    is_first_step = new.stepped_ns == new.started_ns - (0 if new.start is None else new.start.length_ns)
-    if is_first_step and new.start is not None:
+    if new.start is not None and new.stepped_ns == new.started_ns - new.start.length_ns:
         events.append(start_phase.begins(new.start, new.inputs.requested_V))
     events += _reference_events(references, old, new)
     events += new.request.events

@@ -162,7 +162,8 @@ def _step(
         if loop.start is not None and state.supervision.mode.is_controlling:
             is_end = state.loop is not None and state.loop.is_starting and not loop.is_starting
             problem = _start_problem(config, loop, monitors, state.supervision.command_V, is_end=is_end)
-            belief = replace(belief, start_problem=problem)
+            if problem:
+                belief = replace(belief, start_problem=problem)
             if problem or is_end:
                 loop_events += (start_phase.ends(problem),)
         supervision, events = supervisor.next_mode(config.limits, state.supervision, inputs, now_ns, belief)
@@ -225,12 +226,15 @@ def _observe(
     if not loop.is_starting:
         risen = filling.rises() if loop.t_s <= 2.0 * start_phase.DOUBTED_UNTIL_S else NOT_RISEN
         inflow = watch_inflow(model, monitors.inflow, estimate.level_cm, effective_V, diagnosis, now_ns, risen)
+    open_share = outlets.open_share
+    if live_outlets is not outlets:
+        open_share = _smaller(open_share, live_outlets.open_share)
     belief = Belief(
         diagnosis=diagnosis,
         level_cm=estimate.level_cm,
         pump_V=_larger(estimate.pump_V, loop.under_way.largest()),
         accommodates=config.loop.reconfigure,
-        open_share=_smaller(outlets.open_share, live_outlets.open_share),
+        open_share=open_share,
         live_cm=live_cm,
         law_problem=loop.problem,
         possible_cm=inflow.possible_cm(model, estimate.level_cm, diagnosis),

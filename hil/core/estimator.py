@@ -73,10 +73,10 @@ def step(
         n1, n2, n3, n4 = (n if isfinite(n) else 0.0 for n in innovation_V)
     gain = share / k
     h1, h2, h3, h4 = h1 + gain * n1, h2 + gain * n2, h3 + gain * n3, h4 + gain * n4
-    level_cm = (max(h1, 0.0), max(h2, 0.0), max(h3, 0.0), max(h4, 0.0))
-    h1, h2, h3, h4 = level_cm
+    h1, h2 = 0.0 if h1 < 0.0 else h1, 0.0 if h2 < 0.0 else h2
+    h3, h4 = 0.0 if h3 < 0.0 else h3, 0.0 if h4 < 0.0 else h4
     level_V = (k * h1, k * h2, k * h3, k * h4)
-    return Estimate(level_cm=level_cm, level_V=level_V, pump_V=pump_V, innovation_V=innovation_V)
+    return Estimate(level_cm=(h1, h2, h3, h4), level_V=level_V, pump_V=pump_V, innovation_V=innovation_V)
 
 
 def _predict(

@@ -421,12 +421,13 @@ INTERLOCKS: tuple[Interlock, ...] = (
 )
 """In the order in which a trip names its cause when several are active."""
 
+_CHECKS = tuple((interlock.is_active, interlock) for interlock in INTERLOCKS)
 BYPASSABLE = frozenset(interlock.cause for interlock in INTERLOCKS if interlock.may_bypass)
 
 
 def first_active(limits: Limits, situation: Situation, bypassed: tuple[TripCause, ...] = ()) -> Interlock | None:
     """The first interlock that is active and not bypassed, or None."""
-    for interlock in INTERLOCKS:
-        if interlock.is_active(limits, situation) and interlock.cause not in bypassed:
+    for is_active, interlock in _CHECKS:
+        if is_active(limits, situation) and interlock.cause not in bypassed:
             return interlock
     return None

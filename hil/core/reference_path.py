@@ -69,6 +69,8 @@ class RunReferences:
 
     def move(self, number: int) -> ReferenceMove | None:
         """How the references get to an entry's values; None: by a step."""
+        if not self.moves:
+            return None
         return next((move for index, move in self.moves if index == number), None)
 
     def at(self, t_s: float) -> Pair:

@@ -30,12 +30,16 @@ class Mode(IntEnum):
     @property
     def is_controlling(self) -> bool:
         """Whether the loop is closed in this mode."""
-        return self in (Mode.RUNNING, Mode.DEGRADED)
+        return self in _CONTROLLING
 
     @property
     def moves_pumps(self) -> bool:
         """Whether the loop or the operator sets pump voltages in this mode."""
-        return self in (Mode.RUNNING, Mode.DEGRADED, Mode.MANUAL)
+        return self in _MOVING
+
+
+_CONTROLLING = (Mode.RUNNING, Mode.DEGRADED)
+_MOVING = (*_CONTROLLING, Mode.MANUAL)
 
 
 class NodeState(IntEnum):

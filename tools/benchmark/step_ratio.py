@@ -1,4 +1,4 @@
-"""The cost of a control step against that of an earlier commit: `python -m tools.benchmark.step_ratio REVISION`.
+"""The cost of a control step and of a lockstep run against an earlier commit: `tools.benchmark.step_ratio REVISION`.
 
 Both trees take their turns on the same machine, pass by pass, so that a busy machine slows both.
 """
@@ -45,12 +45,18 @@ for _ in sys.stdin:
         state, _ = controller.step(config, state, inputs, number * capture.period_ns)
         took_ns.append(time.perf_counter_ns() - step_ns)
     cpu_ns = time.process_time_ns() - started_ns
-    print(median(took_ns) * 1e-3, cpu_ns / len(took_ns) * 1e-3, flush=True)
+    started_ns = time.process_time_ns()
+    ticks = len(Capture.of_a_run(60.0, scenario).inputs)
+    run_ns = time.process_time_ns() - started_ns
+    print(median(took_ns) * 1e-3, cpu_ns / len(took_ns) * 1e-3, run_ns / ticks * 1e-3, flush=True)
 """
 """Runs in a tree: the inputs of a scenario's run are captured, then every line asks for a pass over them.
 
-A pass prints the median time of a step and the mean processor time of a step, in us.
+A pass prints the median time of a step, the mean processor time of a step, and the processor time of a lockstep run of
+60 s over its ticks, with its start, in us.
 """
+TICK = "lockstep tick, with emulator and wire"
+WHAT = ("median step", "mean processor time", TICK)
 
 
 @dataclass
@@ -59,14 +65,13 @@ class Tree:
 
     process: subprocess.Popen[str]
 
-    def measured_us(self) -> tuple[float, float]:
-        """Median time and mean processor time of a step in one more pass."""
+    def measured_us(self) -> list[float]:
+        """The times of one more pass, in the order of WHAT."""
         if self.process.stdin is None or self.process.stdout is None:
             raise ValueError("the process was started without pipes")
         self.process.stdin.write("\n")
         self.process.stdin.flush()
-        first, second = map(float, self.process.stdout.readline().split())
-        return first, second
+        return [float(value) for value in self.process.stdout.readline().split()]
 
 
 def unpack(revision: str, folder: Path) -> str:
@@ -90,14 +95,15 @@ def step_ratio(revision: str, passes: int) -> Section:
                 before, now = (_start(stack, Path(tree), scenario) for tree in (scratch, ROOT))
                 before.measured_us(), now.measured_us()  # for warm-up
                 pairs = [(before.measured_us(), now.measured_us()) for _ in range(passes)]
-            for place, what in enumerate(("median step", "mean processor time")):
+            for place, what in enumerate(WHAT):
                 ratio = median(mine[place] / theirs[place] for theirs, mine in pairs)
                 times = (as_time(median(one[place] for one in side)) for side in zip(*pairs, strict=True))
-                rows.append((scenario, what, *times, f"{ratio:.2f}", as_verdict(ratio <= MAX_RATIO)))
+                verdict = "" if what == TICK else as_verdict(ratio <= MAX_RATIO)
+                rows.append((scenario, what, *times, f"{ratio:.2f}", verdict))
     note = (
-        f"All of `controller.step` on the inputs of a run, this tree beside {about.split(maxsplit=1)[0]} "
-        f"(`{about.split(maxsplit=1)[1]}`), {passes} passes in turns; the ratio is the median of the passes' ratios. "
-        f"Target: {MAX_RATIO}."
+        f"All of `controller.step` on the inputs of a run, and a lockstep run of 60 s, this tree beside "
+        f"{about.split(maxsplit=1)[0]} (`{about.split(maxsplit=1)[1]}`), {passes} passes in turns; "
+        f"the ratio is the median of the passes' ratios. Target of a step: {MAX_RATIO}."
     )
     columns = ("scenario", "of a step", "before", "now", "ratio", "verdict")
     return Section("One control step, against an earlier commit", note, columns, rows)

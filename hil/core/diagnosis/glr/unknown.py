@@ -148,9 +148,12 @@ def declare(
 
 def step(config: DetectorConfig, m: Memory) -> list[Alarm]:
     """One step of the model and of the trial filters; the alarm that says that it is over."""
-    unknown, dt = m.unknown, float(m.entry[PERIOD])
+    unknown = m.unknown
+    if unknown is None and m.unknown_s <= 0.0:
+        return []
+    dt = float(m.entry[PERIOD])
     if unknown is None:
-        m.unknown_s = max(m.unknown_s - COUNT_DOWN * dt, 0.0) if m.unknown_s > 0.0 else 0.0
+        m.unknown_s = max(m.unknown_s - COUNT_DOWN * dt, 0.0)
         return []
     m.unknown_s += dt
     _model_step(config, m, unknown, m.now)
