@@ -7,6 +7,7 @@ writes while the panel has the terminal is kept, and written when the panel has 
 from __future__ import annotations
 
 import os
+import select
 import shutil
 import signal
 import subprocess
@@ -24,6 +25,7 @@ LEAVE_SCREEN = b"\x1b[?1049l\x1b[?25h\x1b[?1000l\x1b[?1002l\x1b[?1003l\x1b[?1006
 """Back from the alternate screen; cursor on; mouse, focus and paste reports off: a killed panel has not done it."""
 GOES_ON = "hil: the panel has ended, the run goes on. Ctrl+C stops the run; hil panel {folder} shows it again.\n"
 END_S = 2.0
+LOOK_S = 0.5
 BESIDE = "HIL_PANEL_BESIDE_RUN"
 """Set in the environment of a panel that a run has started: it ends with the run's process."""
 
@@ -64,11 +66,18 @@ class BesidePanel:
         """Wait for the operator after a run that has ended; end the panel after an error."""
         self._is_over = True
         if kind is not None:
-            self._process.terminate()
-            with suppress(subprocess.TimeoutExpired):
-                self._process.wait(END_S)
-            self._process.kill()
-        self._watch.join()
+            self.end()
+        while self._watch.is_alive():
+            self._watch.join(LOOK_S)
+            if _is_hung_up():  # nobody can leave a panel that has no terminal
+                self.end()
+
+    def end(self) -> None:
+        """End the panel, one that is stopped or hangs as well."""
+        self._is_over = True
+        self._process.terminate()
+        self._watch.join(END_S)
+        self._process.kill()
 
     def _wait(self) -> None:
         """When the panel has ended: set the terminal right, and write what was kept."""
@@ -96,6 +105,13 @@ def check_terminal() -> None:
     """Raise PanelError when standard input or output is no terminal."""
     if not (os.isatty(0) and os.isatty(1)):
         raise PanelError("the panel needs a terminal; hil panel --web shows it in a browser")
+
+
+def _is_hung_up() -> bool:
+    """Whether the terminal was closed."""
+    looked = select.poll()
+    looked.register(0, 0)
+    return any(event & select.POLLHUP for _, event in looked.poll(0))
 
 
 def _flush() -> None:

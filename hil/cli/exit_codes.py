@@ -23,6 +23,11 @@ BY_STATUS = {"complete": 0, "stopped": 0, "tripped": 3, "failed": 4}
 BY_SIGNAL = {"SIGHUP": 129, "SIGINT": 130, "SIGTERM": 143}
 
 
+def is_by_signal(reason: str) -> bool:
+    """Whether a signal has stopped the run. reason : its name first, if so."""
+    return reason.partition(";")[0] in BY_SIGNAL
+
+
 def of_run(status: str, reason: str, *, is_incomplete: bool = False) -> int:
     """Of a run that ended so. reason : the name of a signal first, where one stopped the run."""
     code = BY_SIGNAL.get(reason.partition(";")[0], BY_STATUS[status])

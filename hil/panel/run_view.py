@@ -44,7 +44,8 @@ class RunView:
     def received(self, state: ShownState, now_s: float) -> bool:
         """A state came. The history keeps one for each SAMPLE_S; returns whether it has this one."""
         self.state, self.received_s = state, now_s
-        is_kept = not self.history or abs(state.t_s - self.history[-1].t_s) >= SAMPLE_S
+        is_timed = math.isfinite(state.t_s)  # it is not before the rig is ready
+        is_kept = is_timed and (not self.history or abs(state.t_s - self.history[-1].t_s) >= SAMPLE_S)
         if is_kept:
             self.history.append(state)
         return is_kept

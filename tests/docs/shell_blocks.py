@@ -28,6 +28,7 @@ REASONS = {
     "needs a guest kernel",
     "needs a screen",
     "needs a run",
+    "needs two terminals",
     "needs a copy of the project",
     "needs minutes on all cores",
     "changes your own shell",

@@ -17,7 +17,9 @@ from textual.widgets import Input, Static
 
 from hil.panel.panel_app import PanelApp
 from hil.panel.run_messages import ShownRun, read_event, read_state
+from hil.panel.run_view import RunView
 from hil.panel.tank_drawing import tank_picture
+from hil.panel.trend_drawing import trend_chart
 from tests.panel.fake_run import ALARM, HELLO, FakeRun, fake_run
 
 
@@ -152,3 +154,11 @@ def test_a_state_with_keys_missing_is_shown(data: dict[str, Any]) -> None:
     state_ = read_state(data)
     assert math.isnan(state_.measured_cm[3])
     assert "T4" in tank_picture(ShownRun(), state_, 44, 20).plain
+
+
+def test_a_run_that_is_not_ready_has_no_time_and_is_shown() -> None:
+    """In a large window the panel used to fail at the first state of every run, which has no time."""
+    view = RunView()
+    assert not view.received(read_state({"t_s": None, "mode": "DISARMED"}), 0.0)
+    assert view.received(read_state({"t_s": 0.0}), 1.0)
+    assert all("T1" in trend_chart(trend, 60, 5, 300.0).plain for trend in view.trends()[:1])

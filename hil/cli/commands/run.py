@@ -102,10 +102,12 @@ def run(
         attended_s=attended,
     )
     console = Console()
-    beside = BesidePanel(folder, control, emulator) if panel else nullcontext()
+    beside = BesidePanel(folder, control, emulator) if panel else None
     with_table = not realtime and not panel
-    with interruptible(), beside:
+    with interruptible(), beside or nullcontext():
         with run_display.live_status(console, with_table=with_table) as watch:
             figures, outcome = live_run.run_live(bench, options, address, watch)
         run_display.finish(console, folder, figures, with_report=report)
+        if beside is not None and exit_codes.is_by_signal(outcome.reason):
+            beside.end()
     raise typer.Exit(exit_codes.of_run(outcome.status, outcome.reason))
