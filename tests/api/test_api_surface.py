@@ -71,3 +71,11 @@ def test_import_hil_loads_neither_numpy_nor_can() -> None:
     code = "import sys, hil; print(sorted(set(sys.modules) & {'numpy', 'can', 'scipy', 'pydantic', 'numba', 'typer'}))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert json.loads(done.stdout.replace("'", '"')) == []
+
+
+def test_a_run_loads_no_library_that_it_does_not_use() -> None:
+    """Each `hil run` and `hil simulate` waited 1.5 s for python-control, scipy.signal, numba and matplotlib."""
+    heavy = "{'control', 'scipy.signal', 'scipy.stats', 'scipy.optimize', 'numba', 'matplotlib', 'rerun', 'pyarrow'}"
+    code = f"import sys, hil.bench.live_run, hil.bench.lockstep_run; print(sorted(set(sys.modules) & {heavy}))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"

@@ -69,7 +69,9 @@ def draw(root: Path, rooms: Iterable[str], count: int, seed: int) -> list[tuple[
 def _first(sites: list[tuple[Site, str]], targets: dict[str, Target], count: int) -> list[tuple[Target, Mutant]]:
     drawn: list[tuple[Target, Mutant]] = []
     for site, module in sites:
+        if len(drawn) == count:
+            break
         mutant = mutant_at(site)
-        if mutant is not None and not SAME_FOR_MYPY.match(mutant.before) and len(drawn) < count:
+        if mutant is not None and not SAME_FOR_MYPY.match(mutant.before):
             drawn.append((targets[module], mutant))
     return drawn
