@@ -25,6 +25,7 @@ from hil.cli.commands import (
     report,
     run,
     simulate,
+    test,
     tune,
     view,
 )
@@ -47,6 +48,7 @@ COMMANDS: tuple[ModuleType, ...] = (
     tune,
     view,
     report,
+    test,
 )
 """In the order of the help. Each has a function of its own name, and EXAMPLE."""
 
@@ -63,6 +65,7 @@ app = typer.Typer(
     epilog=(
         "Exit codes: 0 done; 2 bad input or no record possible, nothing moved; 3 tripped; 4 not ready or failed; "
         "5 done, but record or output incomplete, or identify --check: beyond the limit; "
+        "6 test: a limit is not kept; "
         "129, 130 and 143 stopped by a signal."
     ),
     no_args_is_help=True,

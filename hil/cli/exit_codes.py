@@ -6,6 +6,7 @@
     4    not ready, or failed; identify: nothing identified, or with --write: the rig file was not replaced (tune, too)
     5    done, but a file of the record or standard output can't be written completely; the line says which
          identify --check: a parameter has moved from the rig file by more than the limit
+    6    test: a run has not kept a limit of its scenario
     129, 130, 143  stopped by SIGHUP, SIGINT, SIGTERM
 
 A run that did not end well keeps its code when its record is incomplete, too: the line says both.
@@ -19,6 +20,8 @@ NOT_DONE = 4
 INCOMPLETE = 5
 MOVED = 5
 """Of `hil identify --check`."""
+LIMIT_NOT_KEPT = 6
+"""Of `hil test`."""
 BY_STATUS = {"complete": 0, "stopped": 0, "tripped": 3, "failed": 4}
 BY_SIGNAL = {"SIGHUP": 129, "SIGINT": 130, "SIGTERM": 143}
 

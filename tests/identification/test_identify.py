@@ -161,8 +161,12 @@ def test_unknown_names_are_errors(truth: Truth) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2, 3, 53])
 def test_a_rich_rig_is_found_with_its_structure(seed: int) -> None:
+    """The sensors of seed 53 are wrong by nearly the same share on each side: only the ruler shows it.
+
+    The held-out record alone judged once, and gains, splits and outlets were 20 standard deviations off.
+    """
     case = run_case(CaseSpec("rich", seed))
     assert case.found.refusal == ""
     assert case.spec.expected is not None

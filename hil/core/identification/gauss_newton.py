@@ -18,6 +18,8 @@ Flags = NDArray[np.bool_]
 
 MAX_STEPS = 12
 CONVERGED_GAIN = 0.01
+SETTLED_GAIN, SETTLED_SD = 4.0, 0.2
+"""A step that promises less, and moves no parameter by more than so many standard deviations, is the last one."""
 USABLE_ROUNDS = 4
 CHANGED_SHARE = 1e-4
 IN_PROPORTION = ("k", "a", "datum", "sensor_gain", "level")
@@ -60,8 +62,22 @@ def _steps(
             break
         else:
             damping = max(10.0 * damping, 1e-3)
-    gain = float(bounded_step(normal, values, low, high) @ normal.score)
-    return values, normal, gain < 1.0
+    step = bounded_step(normal, values, low, high)
+    return values, normal, is_settled(problem.names, normal, step)
+
+
+def is_settled(names: Sequence[str], normal: Normal, step: Array) -> bool:
+    """Whether a further step (p,) would lower the cost by less than 1, or move no parameter of the rig noticeably.
+
+    The level in a tank that is nearly empty when its record begins has a kink at zero, on which steps may go to and fro
+    without an end, though everything else stands.
+    """
+    gain = float(step @ normal.score)
+    if gain < 1.0:
+        return True
+    sd = np.sqrt(np.maximum(np.diag(scaled_inverse(normal.information)), 0.0))
+    at = [i for i, name in enumerate(names) if name in BY_NAME]
+    return gain < SETTLED_GAIN and bool(np.all(np.abs(step[at]) <= SETTLED_SD * sd[at]))
 
 
 def moved(names: Sequence[str], values: Array, step: Array) -> Array:

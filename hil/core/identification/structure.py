@@ -11,7 +11,8 @@ noise of one reading (RMS) goes in any case: so small an effect may as well come
 have, such as turbulence in an empty tank. And one goes whose values differ from the file's by no more than chance in
 the fit itself (Wald's statistic within 99.9 % of the chi-squared distribution): with waves and turbulence a held-out
 record may be predicted worse by accident, but then the fit does not see the extension. A better fit alone keeps
-nothing.
+nothing. The readings by a ruler count beside the held-out record: sensor gains of a side that are wrong alike change no
+predicted voltage, but they do the levels.
 
 Where the records leave basic parameters undetermined (a pump that never moved), a held-out record in which they matter
 can't judge: then, and only then, the fit itself does, with the margin of Schwarz's criterion.
@@ -61,9 +62,13 @@ class StructureChoice:
 
 @dataclass(frozen=True, eq=False)
 class HeldOutScore:
-    """square : sum of the squared white residuals. residual_V : (n, 4) of all records; empty without records."""
+    """square : sum of the squared white residuals, those of the readings by a ruler among them.
+
+    ruler_square : the latter's part. residual_V : (n, 4) of all held-out records; empty without records.
+    """
 
     square: float
+    ruler_square: float
     residual_V: Array
 
     def difference(self, other: HeldOutScore, noise: NoiseModel) -> float:
@@ -80,9 +85,14 @@ class HeldOutScore:
 
 
 def judged(found: RigEstimate, records: Sequence[LevelRecord], noise: NoiseModel) -> HeldOutScore:
-    """A simulation of records that were not fitted; unknown initial levels are. Without records: the fit itself."""
+    """A simulation of records that were not fitted; unknown initial levels are. Without records: the fit itself.
+
+    The readings by a ruler judge, too, though they were fitted: held-out voltages can't tell sensor gains of a side
+    that are wrong alike.
+    """
+    by_ruler = found.normal.ruler_square
     if not records:
-        return HeldOutScore(found.normal.cost, np.zeros((0, 4)))
+        return HeldOutScore(found.normal.cost, by_ruler, np.zeros((0, 4)))
     model = found.model
     wanted = unknowns(records, model, {row.group: FIXED for row in PARAMETERS})
     problem = Problem(tuple(records), model, wanted, Priors({}, {}))
@@ -93,7 +103,7 @@ def judged(found: RigEstimate, records: Sequence[LevelRecord], noise: NoiseModel
     else:
         square = problem.normal(values, noise).cost
     linear, _, _ = problem.linearised(values, None)
-    return HeldOutScore(square, np.concatenate([record.residual_V for record in linear]))
+    return HeldOutScore(square + by_ruler, by_ruler, np.concatenate([record.residual_V for record in linear]))
 
 
 def choose_structure(
@@ -128,7 +138,8 @@ def choose_structure(
         score = judged(reduced, search.judges, search.noise)
         worse = score.square - now.square
         margin = _margin(current, len(_group(current, file, group)[0]), is_judged)
-        is_noticeable = score.difference(now, search.noise) > NOTICEABLE
+        by_ruler = score.ruler_square - now.ruler_square > margin
+        is_noticeable = by_ruler or score.difference(now, search.noise) > NOTICEABLE
         is_needed = worse > margin and is_noticeable and is_significant(current, file, group)
         trace.append((group, worse, is_needed))
         if is_needed:

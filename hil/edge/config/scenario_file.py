@@ -10,6 +10,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from hil.core.fault_course import FaultCourse
 from hil.core.fault_kinds import FaultKind
+from hil.edge.config.accept_table import AcceptTable
 from hil.edge.config.settings_file import (
     MAX_DURATION_S,
     SCENARIO_FILE,
@@ -200,7 +201,7 @@ class WindowTable(Section):
 
 
 class Scenario(Section):
-    """An experiment: references, faults, operator requests, and windows for the key figures."""
+    """An experiment: references, faults, operator requests, windows for the key figures, limits that it has to keep."""
 
     FILE_KIND = SCENARIO_FILE
 
@@ -211,6 +212,7 @@ class Scenario(Section):
     diagnosis: DiagnosisChoice = DiagnosisChoice()
     control: ControlChoice = ControlChoice()
     window: tuple[WindowTable, ...] = ()
+    accept: tuple[AcceptTable, ...] = ()
     rig: dict[str, Any] = Field(default_factory=dict)
     emulator: dict[str, Any] = Field(default_factory=dict)
 
@@ -223,6 +225,9 @@ class Scenario(Section):
         names = [w.name for w in self.window]
         if len(set(names)) != len(names):
             raise ValueError(f"window names {names} repeat")
+        limits = [accept.name for accept in self.accept]
+        if len(set(limits)) != len(limits):
+            raise ValueError(f"accept names {limits} repeat")
         return self
 
 

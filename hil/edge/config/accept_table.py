@@ -1,0 +1,67 @@
+"""`[[accept]]` of a scenario: limits that a run has to keep, each with a name."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from hil.edge.config.settings_file import Finite, NotNegative, Positive, Section
+
+FigurePath = Annotated[str, Field(pattern=r"^[A-Za-z_]\w*(\.\w+|\[\d+\])*$", max_length=200)]
+"""Where a figure stands in `kpi.json`: `iae_Vs.gain_fall[0]`."""
+
+FaultName = Annotated[str, Field(pattern=r"^[a-z0-9_]+( \w+)?$", max_length=80)]
+"""As an alarm names it: kind and target, `pump_effectiveness 1`."""
+
+CHECKS = (
+    "iae_V_s", "detected_within_s", "named", "no_alarm", "no_trip", "trip", "level_max_cm", "skipped_max",
+    "lateness_p99_s", "figure",
+)  # fmt: skip
+
+
+class AcceptTable(Section):
+    """One limit: exactly one of `CHECKS`.
+
+    iae_V_s : of both outputs in `window`. detected_within_s : the latest first report of each injected fault, s after
+    its onset. named : the faults that alarms name, no more and no less. no_alarm, no_trip : none at all. trip : the
+    cause of the first trip. level_max_cm : of all tanks. skipped_max : skipped steps. lateness_p99_s : of the steps.
+    figure : any number of `kpi.json` by its path, with `min`, `max` (both may be given) or `equals`.
+    """
+
+    name: Annotated[str, Field(min_length=1, max_length=120)]
+    window: Annotated[str, Field(min_length=1, max_length=64)] | None = None
+    iae_V_s: Positive | None = None
+    detected_within_s: Positive | None = None
+    named: tuple[FaultName, ...] | None = None
+    no_alarm: Literal[True] | None = None
+    no_trip: Literal[True] | None = None
+    trip: Annotated[str, Field(min_length=1, max_length=64)] | None = None
+    level_max_cm: Positive | None = None
+    skipped_max: Annotated[int, Field(ge=0)] | None = None
+    lateness_p99_s: NotNegative | None = None
+    figure: FigurePath | None = None
+    min: Finite | None = None
+    max: Finite | None = None
+    equals: Finite | bool | str | None = None
+
+    @property
+    def check(self) -> str:
+        """Which of `CHECKS`."""
+        return next(key for key in CHECKS if getattr(self, key) is not None)
+
+    @model_validator(mode="after")
+    def _has_one_check(self) -> Self:
+        given = [key for key in CHECKS if getattr(self, key) is not None]
+        if len(given) != 1:
+            raise ValueError(f"has {', '.join(given) or 'none'} of {', '.join(CHECKS)}: give one")
+        if (self.window is not None) != (self.iae_V_s is not None):
+            raise ValueError("iae_V_s and window need each other")
+        has_range = self.min is not None or self.max is not None
+        if self.figure is None and (has_range or self.equals is not None):
+            raise ValueError("min, max and equals are for figure")
+        if self.figure is not None and has_range == (self.equals is not None):
+            raise ValueError("figure needs min or max (or both), or equals")
+        if self.min is not None and self.max is not None and self.min > self.max:
+            raise ValueError(f"min {self.min:g} is above max {self.max:g}")
+        return self

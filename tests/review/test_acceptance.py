@@ -1,0 +1,153 @@
+"""Limits of a scenario against the key figures of a run, and the JUnit file of their verdicts."""
+
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from hil.edge.config.accept_table import CHECKS, AcceptTable
+from hil.review.acceptance import MISSING, LimitVerdict, figure_at, verdicts
+from hil.review.junit import JudgedScenario, write_junit
+
+ALARM: dict[str, Any] = {"kind": "pump_effectiveness", "target": 1, "detected_s": 200.4}
+FIGURES: dict[str, Any] = {
+    "iae_Vs": {"fall": [0.2, 0.3], "short": [0.0, 0.0]},
+    "level_max_cm": [12.0, 13.5, None, 2.0],
+    "alarms": [ALARM],
+    "trips": [{"t_s": 250.0, "cause": "high_level", "text": "tank 1"}],
+    "skipped": 2,
+    "lateness_s": {"p99": 0.004},
+    "overflow": False,
+    "status": "tripped",
+}
+FAULTS = [{"kind": "pump_effectiveness", "target": 1, "value": 0.4, "at_s": 200.0}]
+
+
+def judged(**limit: Any) -> LimitVerdict:
+    (verdict,) = verdicts([AcceptTable.model_validate({"name": "it", **limit})], FIGURES, FAULTS)
+    return verdict
+
+
+@pytest.mark.parametrize(
+    ("kept", "broken"),
+    [
+        ({"iae_V_s": 0.31, "window": "fall"}, {"iae_V_s": 0.29, "window": "fall"}),
+        ({"detected_within_s": 0.41}, {"detected_within_s": 0.39}),
+        ({"named": ["pump_effectiveness 1"]}, {"named": ["pump_effectiveness 2"]}),
+        ({"named": ["pump_effectiveness 1"]}, {"named": []}),
+        ({"trip": "high_level"}, {"trip": "dry_run"}),
+        ({"trip": "high_level"}, {"no_trip": True}),
+        ({"level_max_cm": 13.5}, {"level_max_cm": 13.4}),
+        ({"skipped_max": 2}, {"skipped_max": 1}),
+        ({"lateness_p99_s": 0.004}, {"lateness_p99_s": 0.003}),
+        ({"figure": "iae_Vs.fall[1]", "max": 0.3}, {"figure": "iae_Vs.fall[1]", "min": 0.31}),
+        ({"figure": "overflow", "equals": False}, {"figure": "overflow", "equals": True}),
+        ({"figure": "status", "equals": "tripped"}, {"figure": "status", "equals": "complete"}),
+        (
+            {"figure": "level_max_cm[0]", "min": 11.0, "max": 12.0},
+            {"figure": "level_max_cm[0]", "min": 1.0, "max": 11.0},
+        ),
+        ({"figure": "skipped", "equals": 2}, {"figure": "skipped", "equals": True}),
+        ({"no_trip": True}, {"no_alarm": True}),
+    ],
+)
+def test_a_limit_is_kept_or_not(kept: dict[str, Any], broken: dict[str, Any]) -> None:
+    if kept != {"no_trip": True}:
+        assert judged(**kept).is_passed
+    assert not judged(**broken).is_passed
+
+
+def test_a_run_without_alarms_and_trips_keeps_the_limits_on_them() -> None:
+    quiet = {**FIGURES, "alarms": [], "trips": []}
+    limits: list[dict[str, Any]] = [{"no_alarm": True}, {"no_trip": True}, {"named": []}]
+    accepts = [AcceptTable.model_validate({"name": "it", **limit}) for limit in limits]
+    assert all(verdict.is_passed for verdict in verdicts(accepts, quiet, ()))
+
+
+def test_a_verdict_says_value_limit_and_time() -> None:
+    found = judged(detected_within_s=0.1)
+    assert (found.value, found.limit, found.at_s) == ("pump_effectiveness 1: 0.4 s", "at most 0.1 s", 200.4)
+    found = judged(no_trip=True)
+    assert (found.value, found.limit, found.at_s) == ("high_level", "no trip", 250.0)
+    found = judged(named=["sensor_bias 2"])
+    assert (found.value, found.limit, found.at_s) == ("pump_effectiveness 1", "sensor_bias 2", 200.4)
+
+
+@pytest.mark.parametrize("path", ["nothing", "iae_Vs.fall[2]", "iae_Vs.rise[0]", "status[0]", "skipped.max"])
+def test_a_figure_that_is_not_there_keeps_no_limit(path: str) -> None:
+    assert figure_at(FIGURES, path) is None
+    found = judged(figure=path, max=1e9)
+    assert (found.value, found.is_passed) == (MISSING, False)
+    assert not judged(figure=path, equals="").is_passed
+
+
+def test_a_fault_that_nobody_reported_keeps_no_limit_on_detection() -> None:
+    accept = AcceptTable(name="it", detected_within_s=1e9)
+    others: list[dict[str, Any]] = [{"target": 2}, {"detected_s": 199.0}]
+    for alarms in ([], *([{**ALARM, **other}] for other in others)):
+        (found,) = verdicts([accept], {**FIGURES, "alarms": alarms}, FAULTS)
+        assert not found.is_passed
+        assert found.value == "pump_effectiveness 1: not reported"
+    (found,) = verdicts([accept], FIGURES, ())
+    assert not found.is_passed, "there is nothing to detect: the limit says nothing"
+
+
+@pytest.mark.parametrize(
+    ("limit", "text"),
+    [
+        ({}, "none of iae_V_s"),
+        ({"no_trip": True, "no_alarm": True}, "no_alarm, no_trip of"),
+        ({"iae_V_s": 1.0}, "window need each other"),
+        ({"no_trip": True, "window": "fall"}, "window need each other"),
+        ({"no_trip": True, "max": 1.0}, "are for figure"),
+        ({"figure": "skipped"}, "needs min or max"),
+        ({"figure": "skipped", "max": 1.0, "equals": 1}, "needs min or max"),
+        ({"figure": "skipped", "max": 1.0, "min": 2.0}, "min 2 is above max 1"),
+        ({"figure": "a b", "max": 1.0}, "figure"),
+        ({"no_alarm": False}, "no_alarm"),
+    ],
+)
+def test_a_limit_that_says_nothing_or_two_things_is_refused(limit: dict[str, Any], text: str) -> None:
+    with pytest.raises(ValidationError, match=text):
+        AcceptTable.model_validate({"name": "it", **limit})
+
+
+def test_every_check_is_in_the_list() -> None:
+    about = {"name", "window", "min", "max", "equals"}
+    assert set(AcceptTable.model_fields) - about == set(CHECKS)
+
+
+def test_the_junit_file_counts_failures_and_errors(tmp_path: Path) -> None:
+    good, bad = judged(trip="high_level"), judged(no_trip=True)
+    tested = [JudgedScenario("one", (good, bad), 1.5), JudgedScenario("two", (), 0.5, "disk full")]
+    write_junit(tmp_path / "out.xml", tested)
+    root = ElementTree.parse(tmp_path / "out.xml").getroot()  # noqa: S314 - written a line above
+    assert root.tag == "testsuites"
+    assert {key: root.get(key) for key in ("tests", "failures", "errors")} == {
+        "tests": "3",
+        "failures": "1",
+        "errors": "1",
+    }
+    cases = root.findall("testsuite/testcase")
+    assert [(case.get("classname"), case.get("name")) for case in cases] == [("one", "it")] * 2 + [("two", "run")]
+    failure = cases[1].find("failure")
+    assert failure is not None
+    assert failure.get("message") == "high_level; wanted: no trip, at 250 s"
+    assert cases[0].find("failure") is None
+    error = cases[2].find("error")
+    assert error is not None
+    assert error.get("message") == "disk full"
+
+
+@given(st.text(), st.text())
+def test_any_name_and_value_make_a_readable_file(
+    tmp_path_factory: pytest.TempPathFactory, name: str, value: str
+) -> None:
+    path = tmp_path_factory.mktemp("junit") / "out.xml"
+    write_junit(path, [JudgedScenario(name, (LimitVerdict(name, "figure", value, "1", None, False),), 0.0)])
+    root = ElementTree.parse(path)  # noqa: S314 - written a line above
+    assert len(root.findall("testsuite/testcase/failure")) == 1
