@@ -193,7 +193,7 @@ def controller_config(bench: Bench, duration_s: float | None = None) -> Controll
     return ControllerConfig(
         loop,
         safety_limits(rig),
-        scenario.scenario.duration_s if duration_s is None else duration_s,
+        scenario.scenario.length_s if duration_s is None else duration_s,
         tuple((request.at_s, _request(request)) for request in scenario.request),
         _probe(scenario.diagnosis),
     )

@@ -10,7 +10,7 @@ def late_faults(scenario: Scenario, duration_s: float | None = None) -> str:
 
     duration_s : in place of the scenario's; None: its own.
     """
-    end_s = scenario.scenario.duration_s if duration_s is None else duration_s
+    end_s = scenario.scenario.length_s if duration_s is None else duration_s
     late = [fault for fault in scenario.fault if fault.at_s >= end_s]
     if not late:
         return ""

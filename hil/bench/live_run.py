@@ -7,6 +7,7 @@ from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import partial
+from math import isfinite
 
 from hil import runtime
 from hil.bench.assembly import Bench, Watcher, controller_config, make_loop, run_plan
@@ -57,6 +58,8 @@ def run_live(
         record = stack.enter_context(RunRecord(recorder, port))
         for warning in (*live_warnings(bench), *no_channel):
             _warn(warning, recorder)
+        if not no_channel and not isfinite(config.duration_s):
+            config = replace(config, waits_for_clearing=True)
         loop = make_loop(
             bench,
             config,

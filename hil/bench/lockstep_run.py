@@ -10,7 +10,7 @@ from hil import lockstep
 from hil.bench.assembly import Bench, controller_config, make_loop, run_plan
 from hil.bench.emulator_twin import emulator_of
 from hil.bench.open_record import open_record
-from hil.bench.run_options import RunOptions, timeline_settings
+from hil.bench.run_options import RunOptions, check_length, timeline_settings
 from hil.bench.run_record import RunRecord, figures_of, removed_if_not_opened
 from hil.edge.can.bus import BusPort
 from hil.edge.can.pair_bus import pair
@@ -24,6 +24,7 @@ def simulate(bench: Bench, options: RunOptions, on_progress: Callable[[int], Non
     on_progress : called with the number of steps made. Raises SettingsError and RunFolderError before the first step;
     IncompleteRecordError when the run has ended but has no key figures.
     """
+    check_length(bench, options.duration_s)
     config = controller_config(bench, options.duration_s)
     emulator = emulator_of(bench, options.seed)
     folder = RunFolder.create(options.out, run_plan(bench, is_live=False, seed=options.seed))

@@ -13,6 +13,7 @@ from hil import lockstep
 from hil.bench.assembly import Bench, controller_config, make_loop, run_plan
 from hil.bench.emulator_twin import emulator_of
 from hil.bench.results import RunResult
+from hil.bench.run_options import check_length
 from hil.bench.run_record import RunRecord
 from hil.core.types import Event, Quad, TickRecord
 from hil.edge.can.bus import BusPort
@@ -64,6 +65,7 @@ def simulate_in_memory(
     bench: Bench, *, seed: int, duration_s: float | None, on_progress: Callable[[int], None] | None = None
 ) -> RunResult:
     """One run in lockstep with the emulator. Raises SettingsError."""
+    check_length(bench, duration_s)
     config = controller_config(bench, duration_s)
     emulator = emulator_of(bench, seed)
     recorder = MemoryRecorder(bench.shown)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import datetime
+from math import isfinite
 from pathlib import Path
 from typing import Literal
 
@@ -11,6 +12,7 @@ from hil.bench.assembly import Bench
 from hil.bench.open_record import TimelineSettings
 from hil.core.controller import ControllerConfig
 from hil.edge.config.rig_file import Rig
+from hil.edge.config.settings_file import SettingsError
 from hil.edge.host.realtime import RealTime
 from hil.edge.record.picture_model import PictureModel
 
@@ -35,6 +37,15 @@ class RunOptions:
     live: LivePicture | None = None
     control: Path | None = None
     attended_s: float = 0.0
+
+
+def check_length(bench: Bench, duration_s: float | None) -> None:
+    """A run on a simulated clock needs an end. Raises SettingsError."""
+    if duration_s is None and not isfinite(bench.scenario.scenario.length_s):
+        raise SettingsError(
+            f"{bench.scenario_path}: scenario.duration_s = 'open': only `hil run` can be ended by hand; "
+            "give a length (--duration, duration_s)"
+        )
 
 
 def default_folder(name: str, now: datetime) -> Path:

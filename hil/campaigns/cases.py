@@ -83,7 +83,18 @@ def with_overlay(spec: Spec, scenario_data: ScenarioData) -> ScenarioData:
     scenario_data = merged(scenario_data, spec.overlay)
     if spec.campaign.duration_s is not None:
         scenario_data = merged(scenario_data, {"scenario": {"duration_s": spec.campaign.duration_s}})
+    check_length(scenario_data, "campaign")
     return scenario_data
+
+
+def check_length(scenario_data: ScenarioData, kind: str) -> None:
+    """A run of a campaign or benchmark needs an end. Raises SettingsError."""
+    info = scenario_data.get("scenario", {})
+    if isinstance(info, dict) and info.get("duration_s") == "open":
+        raise SettingsError(
+            f"scenario {info.get('name', '')}: scenario.duration_s = 'open': such a run is ended by hand; "
+            f"give the {kind} a length ({kind}.duration_s)"
+        )
 
 
 def with_seeds(spec: Spec, seeds: int | None, first_seed: int | None, duration_s: float | None) -> Spec:

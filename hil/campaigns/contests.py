@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.campaigns.benchmark_spec import BenchmarkSpec, DetectorEntry, LawEntry, RigEntry
-from hil.campaigns.cases import Case, ScenarioData, case_key
+from hil.campaigns.cases import Case, ScenarioData, case_key, check_length
 from hil.edge.config.settings_file import SettingsError, merged
 
 Digest = Callable[[Path | None], str]
@@ -89,7 +89,9 @@ def _scenario_data(
     }
     if spec.benchmark.duration_s is not None:
         tables["scenario"] = {"duration_s": spec.benchmark.duration_s}
-    return merged(scenario, {name: table for name, table in tables.items() if table})
+    data = merged(scenario, {name: table for name, table in tables.items() if table})
+    check_length(data, "benchmark")
+    return data
 
 
 def _name_of(scenario: ScenarioData) -> str:

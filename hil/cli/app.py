@@ -17,6 +17,7 @@ from hil.cli.commands import (
     calibrate,
     campaign,
     conformance,
+    ctl,
     demo,
     design,
     doctor,
@@ -36,6 +37,7 @@ from hil.version import __version__
 COMMANDS: tuple[ModuleType, ...] = (
     simulate,
     run,
+    ctl,
     panel,
     doctor,
     calibrate,
@@ -64,6 +66,7 @@ app = typer.Typer(
     ),
     epilog=(
         "Exit codes: 0 done; 2 bad input or no record possible, nothing moved; 3 tripped; 4 not ready or failed; "
+        "ctl: 4 also refused, or no run; "
         "5 done, but record or output incomplete, or identify --check: beyond the limit; "
         "6 test: a limit is not kept; "
         "129, 130 and 143 stopped by a signal."
@@ -81,7 +84,12 @@ def _add(module: ModuleType) -> None:
     function = getattr(module, name)
     text = getdoc(function) or ""
     summary = text.partition("\n\n")[0]
-    app.command(name, help=f"Example: {module.EXAMPLE}\n\n{text}", short_help=" ".join(summary.split()))(function)
+    app.command(
+        name,
+        help=f"Example: {module.EXAMPLE}\n\n{text}",
+        short_help=" ".join(summary.split()),
+        context_settings=getattr(module, "CONTEXT", None),
+    )(function)
 
 
 for _module in COMMANDS:

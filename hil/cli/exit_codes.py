@@ -3,7 +3,8 @@
     0    done
     2    bad input, or a record that can't be begun; nothing moved
     3    tripped; campaign: a run broke an invariant
-    4    not ready, or failed; identify: nothing identified, or with --write: the rig file was not replaced (tune, too)
+    4    not ready, or failed; identify: nothing identified, or with --write: the rig file was not replaced (tune, too);
+         ctl: refused, or no run to ask
     5    done, but a file of the record or standard output can't be written completely; the line says which
          identify --check: a parameter has moved from the rig file by more than the limit
     6    test: a run has not kept a limit of its scenario

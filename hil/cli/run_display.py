@@ -29,7 +29,7 @@ REFRESH_S = 0.25
 def progress(console: Console, bench: Bench, duration_s: float | None = None) -> Iterator[Callable[[int], None]]:
     """A bar over the run's time; yields what to call with the number of steps made."""
     period_s = bench.rig.control.period_s
-    total_s = bench.scenario.scenario.duration_s if duration_s is None else duration_s
+    total_s = bench.scenario.scenario.length_s if duration_s is None else duration_s
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),

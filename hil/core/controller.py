@@ -50,7 +50,8 @@ NO_FEEDBACK = FeedbackRecord((nan, nan), (nan, nan), (nan,) * 12)
 class ControllerConfig:
     """The loop, its limits, the duration of the run (inf: no end), and the scheduled operator requests.
 
-    requests : (at_s, request), ascending in run time. probe : see `active_isolation`.
+    requests : (at_s, request), ascending in run time. probe : see `active_isolation`. waits_for_clearing :
+    a tripped run waits for an operator, who clears the trip or stops the run.
     """
 
     loop: LoopConfig
@@ -58,6 +59,7 @@ class ControllerConfig:
     duration_s: float
     requests: tuple[tuple[float, Request], ...] = ()
     probe: ProbeConfig = NO_PROBE
+    waits_for_clearing: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,9 +193,11 @@ def fail(state: ControllerState, cause: TripCause, text: str) -> tuple[Controlle
 
 
 def will_be_cleared(config: ControllerConfig, state: ControllerState) -> bool:
-    """Whether a request to clear a trip is still scheduled within the run's duration."""
+    """Whether a request to clear a trip is still scheduled within the run's duration, or is left to an operator."""
     if state.loop is None or state.supervision.stopped_by:
         return False
+    if config.waits_for_clearing:
+        return True
     t_s = state.operation.scenario_s(_run_time_s(state.loop, state.loop.stepped_ns)) + TIME_TOLERANCE_S
     return any(t_s < at_s < config.duration_s and request.action is Action.CLEAR for at_s, request in config.requests)
 

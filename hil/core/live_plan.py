@@ -13,12 +13,14 @@ The record's time, the windows of the key figures and the fault times of the emu
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from math import inf, isfinite
 
 from hil.core.reference_path import TIME_TOLERANCE_S, ReferenceMove, RunReferences
 from hil.core.types import Pair
 
 NEVER_S = inf
+RATE_TOLERANCE_V_S = 1e-9
 
 Schedule = tuple[tuple[float, Pair], ...]
 Moves = tuple[tuple[int, ReferenceMove], ...]
@@ -104,8 +106,9 @@ def with_reference(plan: LivePlan, t_s: float, target: tuple[float | None, float
     """
     before = plan.in_force(t_s)
     times_s = {t_s, t_s + ramp_s} if ramp_s > 0.0 else {t_s}
-    if before.move is not None and before.is_moving(t_s) and None in target:
-        times_s |= {at_s for at_s in before.move.times_s if at_s > t_s + TIME_TOLERANCE_S}
+    if before.move is not None and before.is_moving(t_s):
+        kept = [index for index in (0, 1) if target[index] is None]
+        times_s |= {at_s for index in kept for at_s in _bends(before.move, index) if at_s > t_s + TIME_TOLERANCE_S}
     ordered = tuple(sorted(times_s))
     first, second = (_way(before, index, target[index], ordered, ramp_s) for index in (0, 1))
     values = tuple(zip(first, second, strict=True))
@@ -145,6 +148,15 @@ def _split(plan: LivePlan, t_s: float) -> tuple[tuple[PlannedReference, ...], tu
     coming = tuple(entry for entry in plan.entries if entry.at_s > t_s + TIME_TOLERANCE_S)
     first, now = plan.entries[0], plan.in_force(t_s)
     return (first,) if now is first else (first, now), coming
+
+
+def _bends(move: ReferenceMove, index: int) -> list[float]:
+    """Run times at which one output changes its rate. So the points of the other one are not kept, however many."""
+    times_s, values = move.times_s, [value[index] for value in move.values_V]
+    pieces = zip(pairwise(times_s), pairwise(values), strict=True)
+    rates = [(b - a) / (end_s - begin_s) for (begin_s, end_s), (a, b) in pieces]
+    changes = zip(times_s[1:], pairwise([*rates, 0.0]), strict=True)
+    return [at_s for at_s, (before, after) in changes if abs(after - before) > RATE_TOLERANCE_V_S]
 
 
 def _way(

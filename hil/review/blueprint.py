@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
 
 import rerun as rr
 import rerun.blueprint as rrb
@@ -107,7 +108,7 @@ class _Layout:
         self._entities = [entity for entity in PLOTS if entity in names]
         self._entities += [entity for entity in names if entity not in PLOTS]
         self._axis = None
-        if end_s is not None:
+        if end_s is not None and isfinite(end_s):
             span = rr.TimeRange(
                 start=rr.TimeRangeBoundary.absolute(seconds=begin_s), end=rr.TimeRangeBoundary.absolute(seconds=end_s)
             )

@@ -25,14 +25,19 @@ from hil.cli.options import (
     ReportChoice,
     RerunChoice,
     RigFile,
-    ScenarioFile,
 )
+
+HOLD = Path("hold")
+"""The shipped scenario that holds the operating point until an operator stops the run."""
 
 EXAMPLE = "hil run steps -i socketcan -c can0"
 
 
 def run(
-    scenario: ScenarioFile,
+    scenario: Annotated[
+        Optional[Path],
+        typer.Argument(metavar="SCENARIO", help="A scenario file, or a shipped name. Default: hold."),
+    ] = None,
     interface: Interface = None,
     channel: Channel = None,
     bitrate: Bitrate = None,
@@ -86,7 +91,7 @@ def run(
     from hil.cli.view_command import live_choice
     from hil.edge.can.bus import BusAddress
 
-    bench = assembly.load(scenario, config, rig=rig, law=law)
+    bench = assembly.load(scenario or HOLD, config, rig=rig, law=law)
     bus = bench.rig.bus
     address = BusAddress(interface or bus.interface, channel or bus.channel, bitrate or bus.bitrate)
     folder = out or run_options.default_folder(bench.scenario.scenario.name, datetime.now())

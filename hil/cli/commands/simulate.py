@@ -40,6 +40,7 @@ def simulate(
     from hil.cli import run_display
 
     bench = assembly.load(scenario, config, rig=rig, law=law)
+    run_options.check_length(bench, duration)
     warn(late_faults.late_faults(bench.scenario, duration))
     folder = out or run_options.default_folder(bench.scenario.scenario.name, datetime.now())
     options = run_options.RunOptions(folder, seed, duration, rerun)

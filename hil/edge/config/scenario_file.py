@@ -27,10 +27,15 @@ from hil.edge.config.settings_file import (
 
 
 class ScenarioInfo(Section):
-    """Name and length of a scenario."""
+    """Name and length of a scenario: in seconds, or "open" for a run that an operator ends."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
-    duration_s: Annotated[float, Field(gt=0.0, le=MAX_DURATION_S, allow_inf_nan=False)]
+    duration_s: Annotated[float, Field(gt=0.0, le=MAX_DURATION_S, allow_inf_nan=False)] | Literal["open"]
+
+    @property
+    def length_s(self) -> float:
+        """In seconds; inf for a run that an operator ends."""
+        return math.inf if isinstance(self.duration_s, str) else self.duration_s
 
 
 class Reference(Section):

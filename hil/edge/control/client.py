@@ -24,6 +24,7 @@ from hil.edge.control.socket_path import SOCKET_NAME, ControlError, RunningRun, 
 Message = dict[str, Any]
 
 MAX_MESSAGE = 1 << 20
+RETRIES, RETRY_S = 3, 0.1
 
 
 class ControlClient:
@@ -42,7 +43,7 @@ class ControlClient:
         connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         connection.settimeout(timeout_s)
         try:
-            connection.connect(os.fspath(path))
+            _connect(connection, os.fspath(path))
             client = cls(connection, timeout_s)
             first = client._next(time.monotonic() + timeout_s)
         except (OSError, ValueError) as error:
@@ -98,10 +99,12 @@ class ControlClient:
         raise ControlError(f"the run does not answer within {self._timeout_s:g} s")
 
     def state(self) -> Message:
-        """The run's state. Raises ControlError."""
-        answer = self.ask("state")
-        if not answer["ok"]:
-            raise ControlError(answer["text"])
+        """The run's state; of a run that is just being started, once it has made a step. Raises ControlError."""
+        end_s = time.monotonic() + self._timeout_s
+        while not (answer := self.ask("state"))["ok"]:
+            if answer["reason"] != "not_while" or time.monotonic() > end_s:
+                raise ControlError(answer["text"])
+            time.sleep(RETRY_S)
         end_s = time.monotonic() + self._timeout_s
         while (message := self._next(end_s)) is not None:
             if "state" in message:
@@ -139,6 +142,18 @@ class ControlClient:
         line, _, self._read = self._read.partition(b"\n")
         message = json.loads(line)
         return message if isinstance(message, dict) else {}
+
+
+def _connect(connection: socket.socket, path: str) -> None:
+    """A run that has just made its socket may not listen yet. Raises OSError."""
+    for _ in range(RETRIES):
+        try:
+            connection.connect(path)
+        except ConnectionRefusedError:
+            time.sleep(RETRY_S)
+        else:
+            return
+    connection.connect(path)
 
 
 def find_run(folder: str | os.PathLike[str] | None = None, path: str | os.PathLike[str] | None = None) -> Path:

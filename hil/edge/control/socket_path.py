@@ -89,7 +89,7 @@ def listen(path: Path) -> socket.socket:
         with _locked(path.parent):
             _make_way(path)
             server.bind(os.fspath(path))
-        server.listen(16)
+            server.listen(16)
     except OSError as error:
         server.close()
         raise ControlError(f"no control channel at {path}: {error.strerror or error}") from None

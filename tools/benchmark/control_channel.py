@@ -1,0 +1,140 @@
+"""Lateness of the control steps with many clients on the control channel, beside the same without any.
+
+    python -m tools.benchmark.control_channel [--seconds S] [--pairs N]
+
+Pairs of runs in real time on the emulator over slcan, in turns. The clients are a process of their own: 100 connect, of
+which as many as are served subscribe to states at 20 Hz; one never reads, one sends 10 MB without an end of line again
+and again, one sends requests without pause.
+"""
+
+from __future__ import annotations
+
+import argparse
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+
+from tools.benchmark import ROOT
+
+BIN = Path(sys.executable).parent
+CLIENTS = 100
+BURST = b"x" * 10_000_000
+SUBSCRIBE = b'{"do": "subscribe", "rate_hz": 20}\n'
+FLOOD = b'{"do": "note", "text": "x"}\n' * 50
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line."""
+    parser = argparse.ArgumentParser("python -m tools.benchmark.control_channel")
+    parser.add_argument("--seconds", type=float, default=20.0, help="of a run (default: 20)")
+    parser.add_argument("--pairs", type=int, default=3, help="of runs, without and with clients (default: 3)")
+    parser.add_argument("--clients-of", metavar="SOCKET", help=argparse.SUPPRESS)
+    options = parser.parse_args(arguments)
+    if options.clients_of:
+        be_clients(options.clients_of, options.seconds)
+        return 0
+    late = {False: np.empty(0), True: np.empty(0)}
+    skipped = {False: 0, True: 0}
+    for number in range(2 * options.pairs):
+        with_clients = number % 2 == 1
+        lateness_ms, count = one_run(options.seconds, with_clients)
+        late[with_clients] = np.append(late[with_clients], lateness_ms)
+        skipped[with_clients] += count
+    for with_clients, name in ((False, "no client"), (True, f"{CLIENTS} clients")):
+        p50, p99, top = np.percentile(late[with_clients], (50, 99, 100))
+        print(
+            f"{name:12} {late[with_clients].size} steps: lateness p50 {p50:.3f}, p99 {p99:.3f}, largest {top:.3f} ms; "
+            f"{skipped[with_clients]} skipped"
+        )
+    ratio = float(np.percentile(late[True], 99) / np.percentile(late[False], 99))
+    print(f"p99 with clients over without: {ratio:.3f}")
+    return 0
+
+
+def one_run(seconds: float, with_clients: bool) -> tuple[np.ndarray, int]:
+    """Lateness of each step, ms, and the steps skipped."""
+    with tempfile.TemporaryDirectory() as made:
+        folder = Path(made) / "run"
+        emulator = subprocess.Popen(
+            [BIN / "firmware-sim", "--slcan", "0", "--seed", "1"], stdout=subprocess.PIPE, text=True, cwd=ROOT
+        )
+        channel = emulator.stdout.readline().split()[-1] if emulator.stdout is not None else ""
+        command: list[str | Path] = [BIN / "hil", "run", "hold", "-i", "slcan", "-c", channel, "--out", folder]
+        options = ["--duration", f"{seconds}", "--no-rerun", "--no-report"]
+        run = subprocess.Popen([*command, *options], stdout=subprocess.DEVNULL, cwd=ROOT)
+        clients = None
+        try:
+            while with_clients and not (folder / "control.sock").exists():
+                time.sleep(0.05)
+            if with_clients:
+                me: list[str | Path] = [
+                    sys.executable,
+                    "-m",
+                    "tools.benchmark.control_channel",
+                    "--clients-of",
+                    folder / "control.sock",
+                ]
+                clients = subprocess.Popen([*me, "--seconds", f"{seconds}"], cwd=ROOT)
+            run.wait(seconds + 60.0)
+        finally:
+            for process in (clients, run, emulator):
+                if process is not None:
+                    process.kill()
+                    process.wait()
+        lines = (folder / "ticks.csv").read_text().splitlines()
+        header = lines[0].split(",")
+        late, skipped = header.index("lateness_s"), header.index("skipped")
+        rows = [line.split(",") for line in lines[1:]]
+        return np.array([float(row[late]) * 1e3 for row in rows]), int(float(rows[-1][skipped]))
+
+
+def be_clients(path: str, seconds: float) -> None:
+    """All the clients, in one thread."""
+    end_s = time.monotonic() + seconds
+    readers: list[socket.socket] = []
+    for _ in range(CLIENTS - 3):
+        readers += connected(path, SUBSCRIBE)
+    silent = connected(path, SUBSCRIBE)
+    bulky, flooding = connected(path), connected(path)
+    while time.monotonic() < end_s:
+        for reader in readers:
+            with suppress(OSError):
+                while reader.recv(65536):
+                    pass
+        for sockets, data in ((bulky, BURST), (flooding, FLOOD)):
+            for one in sockets:
+                with suppress(BlockingIOError):
+                    try:
+                        one.send(data)
+                    except (BrokenPipeError, ConnectionError):
+                        sockets[:] = connected(path)
+                        break
+            if not sockets:
+                sockets[:] = connected(path)
+        time.sleep(0.02)
+    del silent
+
+
+def connected(path: str, data: bytes = b"") -> list[socket.socket]:
+    """A connection, if one is to be had."""
+    one = socket.socket(socket.AF_UNIX)
+    try:
+        one.setblocking(False)
+        one.connect(path)
+        if data:
+            one.send(data)
+    except OSError:
+        one.close()
+        return []
+    return [one]
+
+
+if __name__ == "__main__":
+    sys.exit(main())
