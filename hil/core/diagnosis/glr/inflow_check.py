@@ -5,6 +5,8 @@ With two faults at once the filter may explain a pump that runs dry by something
 
 from __future__ import annotations
 
+from math import isfinite, sqrt
+
 import numpy as np
 
 from hil.core.diagnosis.glr.filter import PERIOD, READING, VOLTAGE
@@ -30,17 +32,31 @@ def is_missing(config: DetectorConfig, m: Memory, pump: int) -> bool:
     steps = round(WINDOW_S / float(m.entry[PERIOD]))
     if not 2 <= steps < min(m.now, RING):
         return False
-    rows = m.history.entries[np.arange(m.now - steps, m.now + 1) % RING]
     tank = 3 - pump  # each pump fills the upper tank across
-    voltage_V = rows[:, VOLTAGE + pump]
-    level_cm = rows[:, READING + tank] / config.model.level_gain_V_cm
-    is_read = np.isfinite(level_cm)
-    if float(voltage_V.min()) < MIN_V or not m.usable[tank] or is_read.sum() < MIN_READ * len(rows):
+    rows = m.history.entries[np.arange(m.now - steps, m.now + 1) % RING]
+    voltages = rows[:, VOLTAGE + pump].tolist()
+    if min(voltages) < MIN_V or not m.usable[tank]:
         return False
-    level_cm, times_s = level_cm[is_read], np.cumsum(rows[:, PERIOD])[is_read]
-    rate_cm_s = float(np.polyfit(times_s, level_cm, 1)[0])
-    model = config.model
-    heads_cm = np.maximum(level_cm, 0.0) + model.datum_cm[tank]
-    inflow = model.area_cm2[tank] * rate_cm_s + model.outlet_flow[tank] * np.sqrt(heads_cm).mean()
-    expected = (1.0 - model.valve_split[pump]) * model.pump_gain_cm3_Vs[pump] * voltage_V.mean()
-    return bool(inflow < MIN_SHARE * expected)
+    # plain numbers: for a window of some ten rows numpy's functions take several times as long
+    model, gain, time_s = config.model, config.model.level_gain_V_cm, 0.0
+    times_s: list[float] = []
+    levels_cm: list[float] = []
+    for reading_V, period_s in zip(rows[:, READING + tank].tolist(), rows[:, PERIOD].tolist(), strict=True):
+        time_s += period_s
+        if isfinite(reading_V):
+            times_s.append(time_s)
+            levels_cm.append(reading_V / gain)
+    if len(levels_cm) < max(MIN_READ * len(voltages), 2):
+        return False
+    datum_cm = float(model.datum_cm[tank])
+    root = sum(sqrt(max(level_cm, 0.0) + datum_cm) for level_cm in levels_cm) / len(levels_cm)
+    inflow = float(model.area_cm2[tank]) * _slope(times_s, levels_cm) + float(model.outlet_flow[tank]) * root
+    expected = (1.0 - float(model.valve_split[pump])) * float(model.pump_gain_cm3_Vs[pump])
+    return bool(inflow < MIN_SHARE * expected * sum(voltages) / len(voltages))
+
+
+def _slope(times: list[float], values: list[float]) -> float:
+    """Slope of the straight line with the least squared errors. times : ascending, two at least."""
+    mean = sum(times) / len(times)
+    offsets = [time - mean for time in times]
+    return sum(o * value for o, value in zip(offsets, values, strict=True)) / sum(o * o for o in offsets)
