@@ -34,7 +34,7 @@ def test(
     config: ConfigDir = None,
     rerun: RerunChoice = False,
 ) -> None:
-    """Run scenarios in lockstep with the emulator, and check the limits of their [[accept]] tables.
+    """Run scenarios in lockstep with the emulator, and check the limits of their accept tables.
 
     Exit code 6 if a limit is not kept. A scenario without limits is left out of a folder, and refused as a file.
     """
