@@ -64,7 +64,7 @@ def screenshot(
         viewer.communicate()
 
 
-def _layout(folder: Path, tab: str, made: Path) -> Path:
+def layout_of(folder: Path, tab: str, made: Path) -> Path:
     """The layout of the run with that tab open, as a file in the folder `made`."""
     path = made / "layout.rbl"
     plan = RunFolder.open(folder).manifest().plan
@@ -118,7 +118,7 @@ def main() -> int:
         return 1
     try:
         with TemporaryDirectory() as made:
-            layout = _layout(options.folder, options.tab, Path(made)) if options.tab else None
+            layout = layout_of(options.folder, options.tab, Path(made)) if options.tab else None
             screenshot(recording, options.picture, size=options.size, at_s=options.at, layout=layout)
     except RuntimeError as error:
         print(error, file=sys.stderr)

@@ -377,6 +377,9 @@ def _record(
         events=events,
         monotonic_ns=loop.stepped_ns,
         level_walk_cm_sqrt_s=loop.diagnosis.level_walk_cm_sqrt_s,
+        level_std_V=loop.diagnosis.level_std_V,
+        test_ratio=loop.diagnosis.test_ratio,
+        test_limit=loop.diagnosis.test_limit,
         probe_V=probe_V,
         shown=loop.request.shown,
     )

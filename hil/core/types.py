@@ -318,6 +318,8 @@ class Diagnosis:
     waterways : once a leak or a blocked outlet is declared; None otherwise.
     level_walk_cm_sqrt_s : (4,) standard deviation of the levels' random walk after a second, cm, as learned; NaN where
     nothing is learned.
+    level_std_V : (4,) standard deviation of level_V; NaN without a filter. test_ratio, test_limit : the largest
+    log-likelihood ratio of a fault against none, and the one from which on an alarm is raised; NaN for other methods.
     open_question : what a movement of the pumps would answer; None if nothing.
     hidden_cm : (2,) levels of the lower tanks, cm, if a sensor drifts downwards that nothing excludes yet; -inf if none
     may.
@@ -339,6 +341,9 @@ class Diagnosis:
     valve_split: Pair | None = None
     waterways: Waterways | None = None
     level_walk_cm_sqrt_s: Quad = (nan, nan, nan, nan)
+    level_std_V: Quad = (nan, nan, nan, nan)
+    test_ratio: float = nan
+    test_limit: float = nan
     open_question: OpenQuestion | None = None
     hidden_cm: Pair = (-inf, -inf)
     is_unknown: bool = False
@@ -382,5 +387,8 @@ class TickRecord:
     events: tuple[Event, ...] = ()
     monotonic_ns: int = 0
     level_walk_cm_sqrt_s: Quad = (nan, nan, nan, nan)  # as diagnosis has learned it
+    level_std_V: Quad = (nan, nan, nan, nan)  # of the filter of the diagnosis
+    test_ratio: float = nan  # of the diagnosis, with the limit at which it raises an alarm
+    test_limit: float = nan
     probe_V: Pair = (0.0, 0.0)  # part of raw_V: the movement that tells faults apart
     shown: Mapping[str, float] = field(default_factory=dict)  # of the control law, by name

@@ -27,6 +27,7 @@ PLOTS: dict[str, Plot] = {
     **{f"levels/tank{tank}": Plot(f"Tank {tank} level [V]", corner=rrb.Corner2D.RightBottom) for tank in (1, 2, 3, 4)},
     **{f"pumps/pump{pump}": Plot(f"Pump {pump} voltage [V]") for pump in (1, 2)},
     "pumps/effectiveness": Plot("Pump effectiveness [1]", (0.0, 2.1), rrb.Corner2D.LeftBottom),
+    "diagnosis/test": Plot("Test: largest ratio and limit [1]", (0.0, 100.0)),
     "control/gain_pump1": Plot("Gains of pump 1 [V/cm, 1/s]"),
     "control/gain_pump2": Plot("Gains of pump 2 [V/cm, 1/s]"),
     "control/integral": Plot("Integrals [V s]"),
@@ -54,6 +55,7 @@ PLOT_BACKGROUND = rrb.archetypes.PlotBackground(color=list(BACKGROUND), show_gri
 
 OVERVIEW = ("levels", "pumps")
 CONTROL = ("control", "law")
+DIAGNOSIS = "diagnosis"
 
 
 def blueprint(
@@ -89,7 +91,14 @@ def live_blueprint(mode: RunMode, shown: Sequence[str] = (), *, has_picture: boo
 def _tabs(layout: _Layout, tab: str, has_picture: bool, time_panel: rrb.TimePanel) -> rrb.Blueprint:
     card = rrb.TextDocumentView(origin="/card", name="Run card")
     tanks = [layout.tanks()] if has_picture else []
-    sheets: list[rrb.Container | rrb.View] = [layout.overview(), *tanks, layout.control(), layout.bench(), card]
+    sheets: list[rrb.Container | rrb.View] = [
+        layout.overview(),
+        *tanks,
+        layout.diagnosis(),
+        layout.control(),
+        layout.bench(),
+        card,
+    ]
     opened = next((place for place, sheet in enumerate(sheets) if sheet.name == tab), 0)
     return rrb.Blueprint(
         rrb.Tabs(*sheets, active_tab=opened),
@@ -156,13 +165,41 @@ class _Layout:
         beside = rrb.Vertical(*plots, states, log, row_shares=[2, 2, 2.2, 2.2])
         return rrb.Horizontal(picture, beside, column_shares=[3, 2], name="Tanks")
 
+    def diagnosis(self) -> rrb.Vertical:
+        """The test beside its limit, candidates, and what was found, each with a band of one standard deviation."""
+        room = f"/{DIAGNOSIS}"
+        candidates = rrb.StateTimelineView(
+            origin=room, contents=[f"{room}/candidates", "/states/alarm"], name="Candidates", time_view=self._axis
+        )
+        sizes = self._band(f"{room}/sizes/**", "Sizes of faults, as reported", (0.0, 1.0))
+        effectiveness = self._band(f"{room}/effectiveness/**", "Pump effectiveness [1], band as last reported")
+        levels = [self._band(f"{room}/levels/tank{tank}", f"Tank {tank}: estimate [V]") for tank in (1, 2, 3, 4)]
+        return rrb.Vertical(
+            self._plot("diagnosis/test"),
+            candidates,
+            rrb.Horizontal(effectiveness, sizes),
+            rrb.Horizontal(*levels),
+            row_shares=[2.5, 1.6, 2.2, 2.2],
+            name="Diagnosis",
+        )
+
+    def _band(self, contents: str, title: str, range_: tuple[float, float] | None = None) -> rrb.TimeSeriesView:
+        return rrb.TimeSeriesView(
+            origin="/",
+            contents=[contents],
+            name=title,
+            axis_x=self._axis,
+            axis_y=None if range_ is None else rrb.ScalarAxis(range=range_),
+            background=PLOT_BACKGROUND,
+        )
+
     def control(self) -> rrb.Vertical:
         """What the control law works with."""
         return self._sheet("Control", [entity for entity in self._entities if _room(entity) in CONTROL])
 
     def bench(self) -> rrb.Vertical:
         """Timing of the loop, frames on the bus, and all that has no sheet of its own."""
-        return self._sheet("Bench", [e for e in self._entities if _room(e) not in (*OVERVIEW, *CONTROL)])
+        return self._sheet("Bench", [e for e in self._entities if _room(e) not in (*OVERVIEW, *CONTROL, DIAGNOSIS)])
 
     def _sheet(self, name: str, entities: Sequence[str]) -> rrb.Vertical:
         return rrb.Vertical(*(self._row(row) for row in _rows(entities)), name=name)

@@ -24,6 +24,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from hil.core.types import Event, Mode
+from hil.edge.record.diagnosis_bands import DiagnosisBands
 from hil.edge.record.new_folder import disk_error
 from hil.edge.record.picture_model import PictureModel
 from hil.edge.record.record_format import Row
@@ -100,6 +101,8 @@ class RerunLog:
         self._mode, self._theta1, self._theta2 = (columns.index(name) for name in ("mode", "theta1", "theta2"))
         self._series = series(mode, shown)
         self._picture = None if picture is None else TankPicture(picture, columns)
+        self._bands = DiagnosisBands(columns)
+        self._further = [one for one in (self._bands, self._picture) if one is not None]
         self._table = np.empty((batch_ticks, len(signals)))
         self._filled = 0
         self._events: list[tuple[float, Event]] = []
@@ -125,6 +128,7 @@ class RerunLog:
         if event.code == "alarm":
             if self._picture is not None:
                 self._picture.note_alarm(t_s, event.data)
+            self._set_state("diagnosis/candidates", t_s, self._bands.note_alarm(t_s, event.data))
             text = f"{event.data.get('kind')} {event.data.get('target')}"
             earlier = self._states.get("states/alarm", [])
             if earlier and earlier[-1][0] == t_s and earlier[-1][1] != NO_STATE:
@@ -141,8 +145,9 @@ class RerunLog:
         self._set_state("states/mode", t_s, Mode(int(mode)).name)
         for pump, share in enumerate(effectiveness, start=1):
             self._set_state(f"states/pump{pump}", t_s, pump_state(share))
-        if "states/alarm" not in self._state_now:
-            self._set_state("states/alarm", t_s, NO_STATE)
+        for entity in ("states/alarm", "diagnosis/candidates"):
+            if entity not in self._state_now:
+                self._set_state(entity, t_s, NO_STATE)
         if has_left_trip or "states/trip" not in self._state_now:
             self._set_state("states/trip", t_s, NO_STATE)
 
@@ -181,8 +186,8 @@ class RerunLog:
 
     def _send_all(self) -> None:
         self._send()
-        if self._picture is not None:
-            self._picture.send(self._recording)
+        for further in self._further:
+            further.send(self._recording)
 
     def _send_and_flush(self) -> None:
         self._send_all()
@@ -196,7 +201,9 @@ class RerunLog:
 
     def _log_static(self, card: RunCard) -> None:
         for one in self._series:
-            zoomed_out = "Max" if one.entity.startswith("bench/") else "Average"  # the viewer shows rare peaks, too
+            zoomed_out = (
+                "Max" if one.entity.startswith(("bench/", "diagnosis/")) else "Average"
+            )  # the viewer shows rare peaks, too
             curves = [signal.curve for signal in one.signals if signal.curve]
             look = rr.SeriesLines(
                 names=[signal.curve_name for signal in one.signals],
@@ -222,7 +229,10 @@ class RerunLog:
                 places = list(one.places)
                 values = table[:, places] * self._to_V[places]
                 self._recording.send_columns(one.entity, [times], rr.Scalars.columns(scalars=values))
-            self._send_picture(table)
+            for further in self._further:
+                further.add(table)
+                if further.is_due:
+                    further.send(self._recording)
         for entity, changes in self._states.items():
             self._send_changes(entity, changes)
         self._states.clear()
@@ -232,12 +242,6 @@ class RerunLog:
             levels = [str(event.severity) for _, event in self._events]
             self._events.clear()
             self._recording.send_columns("log", [times], rr.TextLog.columns(text=texts, level=levels))
-
-    def _send_picture(self, table: Floats) -> None:
-        if self._picture is not None:
-            self._picture.add(table)
-            if self._picture.is_due:
-                self._picture.send(self._recording)
 
     def _send_changes(self, entity: str, changes: Sequence[tuple[float, str]]) -> None:
         times = time_column(np.array([t_s for t_s, _ in changes]))

@@ -25,6 +25,7 @@ STATES: dict[str, tuple[tuple[str, ...], tuple[str, ...], tuple[int, ...]]] = {
     "states/pump1": _PUMP,
     "states/pump2": _PUMP,
     "states/alarm": ((NO_STATE,), ("no alarm",), (QUIET,)),
+    "diagnosis/candidates": ((NO_STATE,), ("nothing open",), (QUIET,)),
     "states/trip": ((NO_STATE,), ("no trip",), (QUIET,)),
 }
 

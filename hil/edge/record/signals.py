@@ -225,6 +225,21 @@ SIGNALS: tuple[Signal, ...] = (
         )
         for i in TANKS
     ),
+    *(
+        Signal(
+            f"h{i + 1}_std_V", "V", f"standard deviation of level signal {i + 1} as the diagnosis estimates it",
+            _item(lambda record: record.level_std_V, i), digits=3,
+        )
+        for i in TANKS
+    ),
+    Signal(
+        "test_ratio", "1", "largest log-likelihood ratio of a fault against none, of the diagnosis",
+        lambda step: step.record.test_ratio, Curve("diagnosis/test", "largest ratio", BLUE), digits=4,
+    ),
+    Signal(
+        "test_limit", "1", "ratio from which on the diagnosis raises an alarm", lambda step: step.record.test_limit,
+        Curve("diagnosis/test", "limit", AMBER), digits=4,
+    ),
     Signal(
         "levels_age_s", "s", "age of the older of the two level frames", lambda step: step.record.levels_age_s,
         Curve("bench/age", "age of levels", BLUE),

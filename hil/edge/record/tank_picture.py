@@ -43,7 +43,7 @@ class TankPicture:
 
     def __init__(self, model: PictureModel, columns: Sequence[str]) -> None:
         self._model, self._scale = model, scale_of(model)
-        self._period = _Thinning(PERIOD_S)
+        self._period = Thinning(PERIOD_S)
         self._rows: list[Floats] = []
         self._faults: list[tuple[float, PresentFaults]] = [(-np.inf, PresentFaults())]
         self._new_faults: list[tuple[float, PresentFaults]] = []
@@ -128,13 +128,14 @@ class TankPicture:
         return self._faults[bisect_right(self._faults, t_s, key=lambda change: change[0]) - 1][1]
 
 
-class _Thinning:
-    """Keeps the first row of every period."""
+class Thinning:
+    """Keeps the first row of every period of run time."""
 
     def __init__(self, period_s: float) -> None:
         self._period_s, self._last = period_s, -np.inf
 
     def kept(self, times_s: Floats) -> npt.NDArray[np.bool_]:
+        """Which of the rows at these times, (n,), to keep."""
         number = np.floor(times_s / self._period_s + 1e-6)
         found: npt.NDArray[np.bool_] = np.asarray(np.diff(number, prepend=self._last) != 0.0)
         self._last = float(number[-1])

@@ -206,6 +206,9 @@ class GlrDetector:
         level_V = (gain * h1, gain * h2, gain * h3, gain * h4)
         w1, w2, w3, w4 = m.noise.walk.tolist()
         level_walk = (sqrt(w1), sqrt(w2), sqrt(w3), sqrt(w4))
+        p1, p2, p3, p4 = m.P.diagonal()[LEVEL : LEVEL + 4].tolist()
+        s1, s2, s3, s4 = sqrt(max(p1, 0.0)), sqrt(max(p2, 0.0)), sqrt(max(p3, 0.0)), sqrt(max(p4, 0.0))
+        level_std = (gain * s1, gain * s2, gain * s3, gain * s4)
         hidden_cm = hidden_level.levels_cm(self.config, m)
         if not m.declared and not m.lost and not m.strength and m.unknown is None:
             return Diagnosis(
@@ -213,6 +216,9 @@ class GlrDetector:
                 level_V=level_V,
                 is_diverged=self._is_diverged(m, h1),
                 level_walk_cm_sqrt_s=level_walk,
+                level_std_V=level_std,
+                test_ratio=m.max_ratio,
+                test_limit=self.config.tuning.detect,
                 open_question=ambiguity.open_question(self.config, m),
                 hidden_cm=hidden_cm,
             )
@@ -238,6 +244,9 @@ class GlrDetector:
             valve_split=declaration.valve_split(self.config, m),
             waterways=identified.waterways(self.config, m),
             level_walk_cm_sqrt_s=level_walk,
+            level_std_V=level_std,
+            test_ratio=m.max_ratio,
+            test_limit=self.config.tuning.detect,
             open_question=ambiguity.open_question(self.config, m),
             hidden_cm=hidden_cm,
         )
