@@ -179,7 +179,7 @@ def test_every_wrong_value_of_every_key_is_said_in_the_files_words(name: str) ->
             "scenario",
             "scenario.duration_s",
             float("inf"),
-            "scenario.duration_s = inf: must be finite: a number above 0 and at most 10000000",
+            "scenario.duration_s = inf: must be finite: a number above 0 and at most 10000000 or 'open'",
         ),
         (
             "scenario",

@@ -44,7 +44,7 @@ BAD = {
     "not UTF-8": (b'{"do": "\xff"}', "not a JSON object in UTF-8"),
     "a list": (b"[1]", "not a JSON object but a list"),
     "unknown": (line("explode"), "do = 'explode': must be one of reference, manual"),
-    "another version": (line("auto", v=2), "v = 2: must be one of 1"),
+    "another version": (line("auto", v=2), "v = 2: must be 1"),
     "unknown key": (line("auto", speed=3), "speed = 3: unknown key"),
     "a key is missing": (line("note"), "missing: text"),
     "text for a number": (line("reference", levels_V=["6.4", 6.7]), "levels_V[0] = '6.4': must be"),

@@ -1,6 +1,6 @@
 """Lateness of the control steps with many clients on the control channel, beside the same without any.
 
-    python -m tools.benchmark.control_channel [--seconds S] [--pairs N]
+    python -m tools.benchmark.control_channel [--seconds S] [--pairs N] [--realtime]
 
 Pairs of runs in real time on the emulator over slcan, in turns. The clients are a process of their own: 100 connect, of
 which as many as are served subscribe to states at 20 Hz; one never reads, one sends 10 MB without an end of line again
@@ -35,6 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser("python -m tools.benchmark.control_channel")
     parser.add_argument("--seconds", type=float, default=20.0, help="of a run (default: 20)")
     parser.add_argument("--pairs", type=int, default=3, help="of runs, without and with clients (default: 3)")
+    parser.add_argument("--realtime", action="store_true", help="runs with SCHED_FIFO, as `hil run --realtime`")
     parser.add_argument("--clients-of", metavar="SOCKET", help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     if options.clients_of:
@@ -44,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     skipped = {False: 0, True: 0}
     for number in range(2 * options.pairs):
         with_clients = number % 2 == 1
-        lateness_ms, count = one_run(options.seconds, with_clients)
+        lateness_ms, count = one_run(options.seconds, with_clients, options.realtime)
         late[with_clients] = np.append(late[with_clients], lateness_ms)
         skipped[with_clients] += count
     for with_clients, name in ((False, "no client"), (True, f"{CLIENTS} clients")):
@@ -58,7 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def one_run(seconds: float, with_clients: bool) -> tuple[np.ndarray, int]:
+def one_run(seconds: float, with_clients: bool, realtime: bool) -> tuple[np.ndarray, int]:
     """Lateness of each step, ms, and the steps skipped."""
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made) / "run"
@@ -67,7 +68,7 @@ def one_run(seconds: float, with_clients: bool) -> tuple[np.ndarray, int]:
         )
         channel = emulator.stdout.readline().split()[-1] if emulator.stdout is not None else ""
         command: list[str | Path] = [BIN / "hil", "run", "hold", "-i", "slcan", "-c", channel, "--out", folder]
-        options = ["--duration", f"{seconds}", "--no-rerun", "--no-report"]
+        options = ["--duration", f"{seconds}", "--no-rerun", "--no-report", *(["--realtime"] if realtime else [])]
         run = subprocess.Popen([*command, *options], stdout=subprocess.DEVNULL, cwd=ROOT)
         clients = None
         try:

@@ -82,7 +82,8 @@ def accepted(kind: Any) -> str:
     if options[0] is not kind:
         return accepted(Annotated[options[0], *metadata] if metadata else options[0])
     if get_origin(kind) is Literal:
-        return "one of " + ", ".join(repr(choice) for choice in get_args(kind))
+        choices = ", ".join(repr(choice) for choice in get_args(kind))
+        return f"one of {choices}" if len(get_args(kind)) > 1 else choices
     if get_origin(kind) is tuple:
         return _accepted_list(get_args(kind), metadata)
     if kind in (int, float):
