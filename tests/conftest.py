@@ -16,6 +16,11 @@ SHARED = ("live/test_live_after_a_kill.py",)
 """Files whose tests share what is started once, where others are shared out test by test (`--dist loadgroup`)."""
 
 SLOW = (
+    "docs/test_shell_blocks.py::test_a_long_shell_block_runs",
+    "closed_loop/test_loop_table3.py::test_the_shipped_ideal_scenario_reproduces_table_3",
+    "faults/test_faults_pairs.py::test_case_60_pairs[",
+    "faults/test_faults_frames.py::test_case_02_random_loss_for_an_hour",
+    "examples/test_own_package.py",
     "glr/test_glr_detector.py",
     "faults/test_faults_slcan.py",
     "doctor/test_doctor_conformance.py",
@@ -40,7 +45,7 @@ SLOW = (
     "live/test_live_faults.py::test_case_52",
     "live/test_live_doctor.py",
 )
-"""Slowest first, by `pytest --durations`."""
+"""Slowest first, by `pytest --durations`; those at the top are long ones."""
 
 
 def pytest_pycollect_makemodule(module_path: Path) -> None:
