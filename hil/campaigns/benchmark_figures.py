@@ -36,13 +36,13 @@ class Looks:
 def overall_ratios(overall: Sequence[Overall], looks: Looks) -> str:
     """The geometric mean of the ratios of each entrant with its interval, the best at the top."""
     entries = [(one.entrant, one.ratio) for one in sorted(overall, key=lambda one: one.ratio.value)]
-    return _intervals(entries, looks, "ratio of IAE to the best of each window, geometric mean", "All windows")
+    return _intervals(entries, looks, "ratio of IAE to the best, geometric mean", "All windows")
 
 
 def course_ratios(standings: Sequence[Standing], looks: Looks) -> str:
     """The ratio of each entrant on one course."""
     entries = [(one.entrant, one.ratio) for one in sorted(standings, key=lambda one: one.ratio.value)]
-    return _intervals(entries, looks, "ratio of IAE to the best, seed by seed: median, 95 %", standings[0].course.name)
+    return _intervals(entries, looks, "ratio of IAE to the best: median, 95 %", standings[0].course.name)
 
 
 def error_and_noise(standings: Sequence[Standing], looks: Looks) -> str:

@@ -106,11 +106,15 @@ def test_a_wrong_benchmark_file_says_what_is_wrong(tmp_path: Path, old: str, new
     assert words in str(error.value)
 
 
-def test_the_public_benchmark_can_be_read_and_its_seeds_are_nobody_elses() -> None:
-    spec, files = load_benchmark_spec(CONFIG / "benchmarks" / "fault_tolerant_four_tank.toml")
+@pytest.mark.parametrize(
+    ("name", "labels"),
+    [("fault_tolerant_four_tank", {"rig design", "PI", "LQR", "MPC"}), ("laws_with_glr", {"rig design", "LQR", "MPC"})],
+)
+def test_a_shipped_benchmark_can_be_read_and_its_seeds_are_nobody_elses(name: str, labels: set[str]) -> None:
+    spec, files = load_benchmark_spec(CONFIG / "benchmarks" / f"{name}.toml")
     assert spec.benchmark.first_seed > 50_000
     assert all(file.is_file() for file in files)
-    assert {"rig design", "PI", "LQR", "MPC"} <= {law.label for law in spec.law}
+    assert labels <= {law.label for law in spec.law}
 
 
 WINDOWS = {"window": [{"name": "step", "from_s": 0.0, "to_s": 10.0}]}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.laws.law_rigs import MINUS, MINUS_PLANT, laws, raised, rest_outputs
+from tests.laws.law_rigs import MINUS, MINUS_PLANT, PLUS, PLUS_PLANT, laws, raised, rest_outputs
 from tools.law_trial import Course, Trial, run
 
 REST = rest_outputs(MINUS_PLANT)
@@ -79,3 +79,19 @@ def test_what_is_shown_has_the_same_names_at_every_step(name: str) -> None:
     got = course(name, Trial(2.0, ((0.0, REST), (1.0, raised(REST, 0.1)))))
     assert len({tuple(row) for row in got.shown}) == 1
     assert got.shown[0]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", laws(PLUS_PLANT))
+def test_a_law_reaches_a_reference_in_the_non_minimum_phase_and_makes_up_for_a_loss(name: str) -> None:
+    """A common step, then a pump that loses 40 %: the outputs end at their references, and none runs away."""
+    law, rest = laws(PLUS_PLANT)[name], rest_outputs(PLUS_PLANT)
+    faults = ((0.0, (1.0, 1.0)), (450.0, (0.6, 1.0)))
+    trial = Trial(900.0, ((0.0, rest), (10.0, raised(rest, 0.2))), faults, given_V=(3.15, 3.15), noise_V=0.0)
+    got = run(law, PLUS, PLUS, trial)
+    error = np.abs(got.outputs - got.reference_V)
+    step_end = int(np.searchsorted(got.t_s, 449.0))
+    assert error[step_end].max() < 0.02
+    assert error[: step_end + 1].max() < 0.6
+    if name != "pi":  # takes nothing from the diagnosis, and its loops take a thousand seconds
+        assert error[-1].max() < 0.03

@@ -15,8 +15,8 @@ from tests.laws.law_rigs import MINUS, MINUS_PLANT, PLUS, PLUS_PLANT, johansson_
 from tools.law_trial import Trial, run
 
 
-def continuous_response(law: DecentralisedPi, v0: float, step_V: float, duration_s: float) -> tuple[Pair, float]:
-    """IAE (2,) and largest rise of output 1 after a step of reference 1, in continuous time and without a lag."""
+def integrated(law: DecentralisedPi, v0: float, step_V: float, duration_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times (n,) and states (8, n): levels, integrals of errors, IAE; after a step of reference 1, without a lag."""
     model: TankModel = law.plant.model
     rest = np.array(equilibrium(model, (v0, v0)))
     reference = 0.5 * rest[:2] + (step_V, 0.0)
@@ -31,8 +31,22 @@ def continuous_response(law: DecentralisedPi, v0: float, step_V: float, duration
         return np.concatenate([(inflow - out) / A, error, np.abs(error)])
 
     done = solve_ivp(rates, (0.0, duration_s), [*rest, *[0.0] * 4], rtol=1e-8, atol=1e-9, max_step=5.0)
-    first, second = done.y[6:8, -1].tolist()
-    return (first, second), float(0.5 * (done.y[0].max() - rest[0]))
+    return done.t, done.y
+
+
+def continuous_response(law: DecentralisedPi, v0: float, step_V: float, duration_s: float) -> tuple[Pair, float]:
+    """IAE (2,) and largest rise of output 1."""
+    _, states = integrated(law, v0, step_V, duration_s)
+    first, second = states[6:8, -1].tolist()
+    return (first, second), float(0.5 * (states[0].max() - states[0, 0]))
+
+
+def continuous_course(
+    law: DecentralisedPi, v0: float, step_V: float, duration_s: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times (n,) and the rise of output 1 (n,), V."""
+    times_s, states = integrated(law, v0, step_V, duration_s)
+    return times_s, 0.5 * (states[0] - states[0, 0])
 
 
 @pytest.mark.parametrize(("plant", "v0", "duration_s"), [(MINUS_PLANT, 3.0, 150.0), (PLUS_PLANT, 3.15, 400.0)])
@@ -64,3 +78,15 @@ def test_crossed_loops_hold_the_non_minimum_phase_rig() -> None:
     references = ((0.0, rest), (10.0, (rest[0] + 0.3, rest[1] - 0.3)))
     got = run(law, PLUS, PLUS, Trial(700.0, references, given_V=(3.15, 3.15), noise_V=0.0))
     assert np.abs(got.outputs[-1] - got.reference_V[-1]).max() < 0.02
+
+
+def test_how_much_slower_the_published_settings_are_in_the_non_minimum_phase() -> None:
+    """The ratio depends on the band: 6 times until within 10 %, 23 times until within 2 % of the step."""
+    within: dict[float, list[float]] = {0.1: [], 0.02: []}
+    for plant, v0, duration_s in ((MINUS_PLANT, 3.0, 100.0), (PLUS_PLANT, 3.15, 1500.0)):
+        times_s, first_V = continuous_course(johansson_pi(plant), v0, 0.5, duration_s)
+        for share, found in within.items():
+            found.append(times_s[np.flatnonzero(np.abs(first_V - 0.5) > share * 0.5)[-1]])
+    ratio = {share: plus / minus for share, (minus, plus) in within.items()}
+    assert ratio[0.1] == pytest.approx(6.1, rel=0.1)
+    assert ratio[0.02] == pytest.approx(23.0, rel=0.1)
