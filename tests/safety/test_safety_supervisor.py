@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hil.core import supervisor
 from hil.core.interlocks import INTERLOCKS, Belief
 from hil.core.supervisor import CLEAR, OFF, Supervision
-from hil.core.types import Command, Diagnosis, Inputs, Mode, NodeState, Pair, Severity, TripCause
+from hil.core.types import Action, Command, Diagnosis, Inputs, Mode, NodeState, Pair, Request, Severity, TripCause
 from tests.safety.safety_bench import FAULTS, HEALTHY, LIMITS, READY, but, level
 
 CONTROLLING = (Mode.RUNNING, Mode.DEGRADED)
@@ -342,3 +342,12 @@ def test_invariants_over_any_history(history: list[Any], voltages: list[float]) 
             assert state.mode in TRIPPING
         else:
             assert command.voltage_V == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(("number", "in_data"), [(7, {"number": 7}), (0, {})])
+def test_a_refusal_has_the_number_of_its_request(number: int, in_data: dict[str, int]) -> None:
+    """By which the control channel finds the request that it answers; a scheduled request has none."""
+    inputs = replace(HEALTHY, requests=(Request(Action.AUTO, number=number),))
+    _, events = supervisor.next_mode(LIMITS, supervision(Mode.RUNNING), inputs, NOW_NS, NO_FAULT)
+    (refused,) = [event for event in events if event.code == "refused"]
+    assert refused.data == {"action": "auto", "reason": "not while RUNNING", **in_data}
