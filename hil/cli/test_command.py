@@ -83,6 +83,7 @@ def _bench(path: Path, options: LimitOptions, *, is_asked_for: bool) -> Bench:
     bench = assembly.load(path, options.config_dir, rig=options.rig)
     if is_asked_for and not bench.scenario.accept:
         raise SettingsError(f"{path}: accept: there is no [[accept]] table, so nothing to test; `hil simulate` runs it")
+    run_options.check_length(bench, None)
     windows = {window.name for window in bench.scenario.window}
     for accept in bench.scenario.accept:
         if accept.window is not None and accept.window not in windows:

@@ -60,6 +60,14 @@ def test_what_can_not_be_judged_is_refused_before_the_first_run(
     assert not (tmp_path / "runs").exists()
 
 
+def test_a_scenario_without_an_end_is_refused(tmp_path: Path, command_line: CommandLine) -> None:
+    """In simulated time nobody ends it: it ran for ever."""
+    file = tmp_path / "endless.toml"
+    text = scenario_text(duration='"open"', name="endless")
+    file.write_text(f"{text}{GOOD}")
+    assert_refused(command_line("hil", "test", file, "--out", tmp_path / "runs"), file, "open")
+
+
 def test_an_empty_folder_and_two_of_one_name_are_refused(tmp_path: Path, command_line: CommandLine) -> None:
     (tmp_path / "empty").mkdir()
     assert_refused(command_line("hil", "test", tmp_path / "empty"), "empty", "no scenario")

@@ -25,13 +25,15 @@ from tools.reference.settings import FILES, SettingsFile, keys_of_file, range_of
 from tools.reference.units import unit_of
 
 FREE_NUMBERS = {
+    "accept[].min",
+    "accept[].max",
     "reference[].change_V",
     "fault[].value",
     "fault[].values",
     "pairs.pool[].value_range",
     "one_fault.pool[].value_range",
 }
-"""Keys whose range depends on something else: the process, or the kind of the fault."""
+"""Keys whose range depends on something else: the process, the kind of the fault, or the figure that is limited."""
 
 
 def of_file(title: str) -> SettingsFile:
