@@ -17,6 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from textual.pilot import Pilot
+from textual.widgets import Static
 
 from hil.panel.emulator_client import EmulatorClient
 from hil.panel.panel_app import PanelApp
@@ -68,20 +69,22 @@ class Session:
 
 async def play(session: Session) -> None:
     """The tutorial's session."""
-    await session.wait_until(60.0)
+    await session.wait_until(45.0)
     await session.picture("panel-running", LARGE)
     await session.press("h", "r", '"14"', "enter", '""', "enter", '"20"')
     await session.picture("panel-reference-entry", SMALL)
     await session.press("enter")
     await session.picture("panel-question", SMALL)
     await session.press("y")
-    await session.wait_until(130.0)
+    await asyncio.sleep(50.0)
     await session.picture("panel-reference", LARGE)
     await session.press("4", "enter", "enter", '"0.5"', "enter", '"20"')
     await session.picture("panel-fault-entry", SMALL)
-    await session.press("enter", "enter", "1")
-    await session.wait(lambda app: bool(app.view.state.alarms), 120.0)
-    await asyncio.sleep(15.0)
+    await session.press("enter", "enter")
+    await session.wait(lambda app: "ok pump_effectiveness" in str(app.query_one("#emulator-answers", Static).render()))
+    await session.press("1")
+    await session.wait(lambda app: app.view.state.mode == "DEGRADED", 120.0)
+    await asyncio.sleep(25.0)
     await session.picture("panel-alarm", LARGE)
     await session.press("k", "n", '"pump 1 weak on purpose"', "enter")
     await session.press("m", '"3.5"', "enter", '"3.5"', "enter", "y")

@@ -33,7 +33,7 @@ class AlarmPage(Vertical):
         yield Static("Alarms", classes="page-title")
         yield OptionList(id="alarm-list", markup=False)
         yield Static("No alarm.", id="alarm-detail", markup=False)
-        yield Static("k acknowledge  K all  s shelve", classes="hint")
+        yield Static("k ack  K all  s shelve", classes="hint")
 
     @property
     def chosen(self) -> ShownAlarm | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from rich.text import Text
 from textual.app import ComposeResult, RenderResult
 from textual.containers import Vertical
@@ -76,4 +78,5 @@ class EventPage(Vertical):
 def event_line(event: ShownEvent) -> Text:
     """Time, severity, text."""
     sign, style = SEVERITY.get(event.severity, SEVERITY["INFO"])
-    return Text.assemble((f"{event.t_s:7.1f} ", "#9aa0a6"), (f"{sign} ", style), event.text or event.code)
+    time = f"{event.t_s:7.1f} " if math.isfinite(event.t_s) else "      - "
+    return Text.assemble((time, "#9aa0a6"), (f"{sign} ", style), event.text or event.code)

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from hil.core.fault_kinds import FaultKind
 from hil.panel.entry_forms import EntryError
 
-ANSWER_S = 2.0
+ANSWER_S = 5.0
 LINE_MAX = 1 << 16
 COMPONENTS = {
     "pump": "pump",

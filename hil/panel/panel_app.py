@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from rich.text import Text
+from textual import events
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container, Horizontal, Vertical
@@ -39,8 +40,8 @@ PAGES = {
 KEYS = (
     ("r", "reference", "Ref", "References"),
     ("m", "manual", "Man", "Manual"),
-    ("a", "auto", "Auto", "Automatic"),
-    ("h", "hold", "Hold", "Hold/resume"),
+    ("a", "auto", "Auto", "Auto"),
+    ("h", "hold", "Hold", "Hold"),
     ("b", "bypass", "Byp", "Bypass"),
     ("c", "clear", "Clear", "Clear trip"),
     ("n", "note", "Note", "Note"),
@@ -108,12 +109,12 @@ class PanelApp(OperatorApp):
         self.set_interval(REFRESH_S, self.refresh_status)
         self.refresh_status()
 
-    def on_resize(self) -> None:
-        """The status lines have the width of the screen."""
-        is_large = self.size.width >= BREAKPOINT
+    def on_resize(self, event: events.Resize) -> None:
+        """The status lines have the width of the screen, and the keys the words that fit."""
+        is_large = event.size.width >= BREAKPOINT
         words = [(key, action, large if is_large else small) for key, action, small, large in KEYS]
         shown = [f"[@click=app.{action}][b #ffd75f]{key}[/] {word}[/]" for key, action, word in words if word]
-        self.screen_stack[0].query_one("#keys", Static).update(" " + ("   " if is_large else " ").join(shown))
+        self.screen_stack[0].query_one("#keys", Static).update(" " + ("  " if is_large else " ").join(shown))
         self.refresh_status()
 
     # what the run says

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import fcntl
+import getpass
+import json
 import os
 import pty
 import select
@@ -17,8 +20,12 @@ from pathlib import Path
 
 import pytest
 
+from hil.panel.emulator_client import EmulatorClient
+from hil.panel.panel_app import PanelApp
+from hil.panel.run_search import run_finder
 from tests.live.live_bench import BIN, Emulator, emulator, write_scenario
 from tests.waiting import wait_for
+from tools.panel_pictures import Session, bench
 
 pytestmark = [pytest.mark.live, pytest.mark.long]
 CTRL_C = b"\x03"
@@ -141,3 +148,34 @@ def test_the_stop_key_of_the_panel_ends_the_run(tmp_path: Path) -> None:
         terminal.press(b"q")
         assert terminal.run.wait(15.0) == 0
         wait_for(lambda: b"live: stopped (operator)" in terminal.written, timeout_s=5.0)
+
+
+def test_a_session_through_the_panel_is_in_the_record_with_its_author(tmp_path: Path) -> None:
+    """Reference with a ramp, hold, manual and back, a fault from the console, its alarm, bypass, note and stop."""
+
+    async def session() -> None:
+        with bench(tmp_path) as run:
+            app = PanelApp(run_finder(run, None), emulator=EmulatorClient(str(tmp_path / "emulator")))
+            async with app.run_test(size=(80, 24)) as pilot:
+                hand = Session(pilot, app, tmp_path)
+                await hand.wait_until(0.5)
+                await hand.press("h", "r", '"13"', "enter", '""', "enter", '"2"', "enter", "y")
+                await hand.press("m", '"3.2"', "enter", "enter", "y")
+                await hand.wait(lambda panel: panel.view.state.mode == "MANUAL")
+                await hand.press("a", "y")
+                await hand.wait(lambda panel: panel.view.state.mode == "RUNNING")
+                await hand.press("4", "enter", "enter", '"0.3"', "enter", "enter", "enter", "1")
+                await hand.wait(lambda panel: bool(panel.view.state.alarms))
+                await hand.press("k", "b", "enter", '"1"', "enter", "y")
+                await hand.wait(lambda panel: bool(panel.view.state.bypassed))
+                await hand.wait(lambda panel: not panel.view.state.bypassed)
+                await hand.press("n", '"done"', "enter", "ctrl+x")
+                await hand.wait(lambda panel: "stopped" in panel.view.ended)
+
+    asyncio.run(session())
+    lines = (tmp_path / "first-hour" / "events.jsonl").read_text().splitlines()
+    asked = [event["data"] for event in map(json.loads, lines) if event["code"] == "operator"]
+    done = ["hold", "reference", "manual", "auto", "ack", "bypass", "note", "stop"]
+    assert [data["request"]["do"] for data in asked] == done
+    assert {data["pid"] for data in asked} == {os.getpid()}
+    assert {data["user"] for data in asked} == {getpass.getuser()}
