@@ -190,7 +190,9 @@ def _figures(classes: Sequence[FaultClass], rows: Sequence[Row]) -> str:
 
 def _honest(rows: Sequence[Row]) -> str:
     count = sum(row.honest_alarms for row in rows)
-    return f" Besides, {counted(count, 'alarm')} that say what a drawn rig is." if count else ""
+    asked = statistics.questions_text(rows)
+    said = f" Besides, {counted(count, 'alarm')} that say what a drawn rig is." if count else ""
+    return f"{' ' if asked else ''}{asked}{said}"
 
 
 def _false_alarms(rows: Sequence[Row]) -> str:

@@ -15,7 +15,7 @@ from hil.campaigns.cases import Case
 from hil.campaigns.observer import Observations, ran_dry, rate_broken
 from hil.campaigns.rig_draw import is_honest
 from hil.campaigns.row import CRASHED, Elapsed, Row
-from hil.core.types import NAMELESS, Pair, Quad
+from hil.core.types import NAMELESS, UNRESOLVED, Pair, Quad
 from hil.edge.record.run_folder import Window
 from hil.loop import Outcome as Ending
 from hil.review.alarm_load import alarm_load
@@ -75,6 +75,7 @@ def evaluate(
         **_diagnosis(bench, process, verdict, findings, seen),
         "alarms_json": _json([asdict(finding) for finding in reported]),
         "honest_alarms": len(reported) - len(findings),
+        "questions": sum(_is_question(finding) for finding in (*verdict.false, *verdict.spurious)),
         **_errors(bench, seen, faults),
         **_safety(bench, seen, rest, faults),
         **_ending(seen, ending),
@@ -148,6 +149,11 @@ def _is_honest(case: Case, finding: Finding, faults: Sequence[Injected]) -> bool
         for fault in faults
     )
     return not is_faulty and is_honest(case.drawn, finding.kind, finding.target, finding.size)
+
+
+def _is_question(finding: Finding) -> bool:
+    """Whether an alarm was withdrawn before it had a name."""
+    return finding.kind == UNRESOLVED and finding.recovered_s is not None
 
 
 def _diagnosis(

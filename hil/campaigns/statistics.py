@@ -11,6 +11,7 @@ import numpy as np
 from hil.campaigns.cases import PAIRS
 from hil.campaigns.growing import PROMPT_S
 from hil.campaigns.row import INVARIANTS, Row
+from hil.core.counted import counted
 
 CONFIDENCE = 0.95
 NOTHING = "nothing"
@@ -75,6 +76,14 @@ def poisson_rate(events: int, hours: float, confidence: float = CONFIDENCE) -> R
 def false_alarms(rows: Sequence[Row]) -> Rate:
     """Alarms without a fault of the process, over the time without one."""
     return poisson_rate(sum(row.false_alarms for row in rows), sum(row.healthy_h for row in rows))
+
+
+def questions_text(rows: Sequence[Row]) -> str:
+    """How many of the false and spurious alarms were only open questions; "" if none was."""
+    count, all_of_them = sum(row.questions for row in rows), sum(row.false_alarms + row.spurious_alarms for row in rows)
+    if not count:
+        return ""
+    return f"Of {counted(all_of_them, 'false or spurious alarm')}, {count} were withdrawn before they had a name."
 
 
 def fault_classes(rows: Iterable[Row]) -> tuple[FaultClass, ...]:

@@ -32,6 +32,8 @@ def show(console: Console, rows: Sequence[Row]) -> None:
     if missing := not_played_text(statistics.not_played(rows)):
         console.print(missing, highlight=False, markup=False)
     console.print(f"False alarms: {rate_text(statistics.false_alarms(rows))}", highlight=False)
+    if questions := statistics.questions_text(rows):
+        console.print(questions, highlight=False)
     honest = sum(row.honest_alarms for row in rows)
     if honest:
         console.print(f"Besides, {counted(honest, 'alarm')} that say what a drawn rig is.", highlight=False)

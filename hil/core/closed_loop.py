@@ -36,6 +36,7 @@ from hil.core.types import (
     Quad,
     Severity,
 )
+from hil.core.worst_target import worst_target
 
 MAX_PREDICTED_PERIODS = 5.0
 """After a stall the estimate is predicted over at most this many control periods."""
@@ -209,6 +210,11 @@ def step(
     followed = follow(state.followed, diagnosis, t_s) if config.reconfigure else state.followed
     last, references = state.last, RunReferences(config.references, state.start, config.moves)
     requested = references.requested(t_s)
+    reference_V = requested if state.start is None else state.start.toward(t_s, requested)
+    asked, why = (reference_V, requested), ""
+    if diagnosis.possible and config.reconfigure and t_s > config.period_s:  # not where a start phase is judged
+        worst_V, why = worst_target(config.level_filter.model, config.pumps, requested, diagnosis.possible)
+        asked = (worst_V, worst_V) if why else asked
     known = LawInputs(
         t_s=t_s,
         period_s=period_s,
@@ -216,8 +222,8 @@ def step(
         estimate=estimate,
         diagnosis=diagnosis,
         followed=followed,
-        reference_V=requested if state.start is None else state.start.toward(t_s, requested),
-        requested_V=requested,
+        reference_V=asked[0],
+        requested_V=asked[1],
         references=references,
         wanted_V=state.request.drive_V,
         given_V=last.given_V,
@@ -227,12 +233,14 @@ def step(
     told = known if config.is_own_law else inputs_of_law(known, references)
     law_memory, answer = config.law.step(state.law_memory, told)
     request = checked(answer)
+    if why and not request.reason:
+        request = replace(request, reason=why)
     (v1, v2), (o1, o2) = request.drive_V, probe.offset_V
     drive = (v1 + o1, v2 + o2)
     new = LoopState(
         started_ns=state.started_ns,
         stepped_ns=now_ns,
-        reference_V=known.reference_V,
+        reference_V=reference_V,
         start=state.start,
         request=request,
         law_memory=law_memory,

@@ -300,6 +300,19 @@ class Waterways:
 
 
 @dataclass(frozen=True, slots=True)
+class PossibleRig:
+    """What the rig is if one candidate of an open alarm is true; fields as in `Diagnosis`.
+
+    names : "kind target" of the candidate, of both pumps if it is both.
+    """
+
+    names: tuple[str, ...]
+    effectiveness: Pair
+    valve_split: Pair | None = None
+    waterways: Waterways | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Diagnosis:
     """The current result of the diagnosis.
 
@@ -326,6 +339,7 @@ class Diagnosis:
     is_unknown : something is wrong that no known fault explains. unknown_s : for how long it has been, s; it counts
     down slowly afterwards. possible_V : (4,) the levels that the pumps would have caused without it, which the tanks
     may have if the sensors are what is wrong; None if nothing is unknown.
+    possible : what the rig may be while an alarm has been unresolved for some seconds; empty otherwise.
     """
 
     effectiveness: Pair = (1.0, 1.0)
@@ -349,6 +363,7 @@ class Diagnosis:
     is_unknown: bool = False
     unknown_s: float = 0.0
     possible_V: Quad | None = None
+    possible: tuple[PossibleRig, ...] = ()
 
     @property
     def has_fault(self) -> bool:

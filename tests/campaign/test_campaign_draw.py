@@ -198,12 +198,13 @@ def test_the_row_and_the_folder_say_what_was_drawn(tmp_path: Path) -> None:
 
 
 def test_terminal_and_report_count_honest_alarms_and_trips() -> None:
-    rows = [row(honest_alarms=2, seed=1), row(trip_cause="high_level", seed=2)]
+    rows = [row(honest_alarms=2, seed=1), row(trip_cause="high_level", seed=2, false_alarms=3, questions=1)]
     out = StringIO()
     campaign_tables.show(Console(file=out, width=120), rows)
     assert "Besides, 2 alarms that say what a drawn rig is." in out.getvalue()
     assert "Tripped: 1 of 2 runs: high_level 1" in out.getvalue()
-    assert "Besides, 2 alarms that say what a drawn rig is." in render("drawn", rows)
+    assert "Of 3 false or spurious alarms, 1 were withdrawn before they had a name." in out.getvalue()
+    assert "a name. Besides, 2 alarms that say what a drawn rig is." in render("drawn", rows)
 
 
 def test_an_alarm_that_says_what_a_drawn_pump_gives_is_honest(base: RigNumbers) -> None:

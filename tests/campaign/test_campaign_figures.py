@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import asdict, dataclass, fields, replace
 from io import StringIO
@@ -91,6 +92,22 @@ def test_a_fault_under_the_number_of_an_honest_alarm_is_found() -> None:
     assert (one.detection_s, one.isolation_s) == (0.5, 0.5)
     known = judged(replace(seen(), events=events), case=replace(case, drawn={}))
     assert (known.right, known.false_alarms) == (False, 1), "on a rig that is known the first alarm is false"
+
+
+def test_an_open_question_that_is_withdrawn_is_false_and_counted_apart() -> None:
+    """It names candidates where there is no fault; something unknown is honest on a drawn rig, withdrawn or not."""
+    asked = [
+        Alarm(1.0, "unresolved", 0, math.nan, candidates=("leak 1",), number=1),
+        Alarm(2.0, "unresolved", 0, math.nan, number=1, is_recovery=True),
+        Alarm(3.0, "unknown", 0, math.nan, number=2),
+        Alarm(3.5, "unknown", 0, math.nan, number=2, is_recovery=True),
+        Alarm(4.0, "leak", 1, 0.1, isolated_s=4.0, number=3),
+        Alarm(4.5, "leak", 1, math.nan, number=3, is_recovery=True),
+    ]
+    events = tuple((one.detected_s, Event(Severity.WARNING, "alarm", "", asdict(one))) for one in asked)
+    case = Case("k", "l", "s", 1, {}, drawn={"flow_ratio": [[1.0, 1.0], [1.0, 1.0]]})
+    found = judged(replace(seen(), events=events), case=case)
+    assert (found.false_alarms, found.questions, found.honest_alarms) == (2, 1, 1)
 
 
 def test_a_run_says_how_much_it_asks_an_operator_to_look_at() -> None:

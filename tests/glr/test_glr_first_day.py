@@ -7,7 +7,7 @@ from hil.core.diagnosis.glr import first_day
 from hil.core.diagnosis.glr.filter import VOLTAGE
 from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, jumps_of
 from hil.core.diagnosis.glr.memory import Declared, Memory, Wide
-from hil.core.diagnosis.glr.model import BIAS, GAIN, LAG, OUTLET, SCALE, N
+from hil.core.diagnosis.glr.model import BIAS, GAIN, LAG, LEAK, OUTLET, SCALE, N
 from hil.core.types import Measurement
 from tests.glr.glr_bench import DETECTOR
 
@@ -96,10 +96,87 @@ def test_a_small_jump_on_an_unknown_rig_is_learned(size: float, moved_V: float, 
     assert not first_day.is_own(CONFIG, m, number_of(BIAS)), "sensors are always reported"
 
 
-def test_what_follows_a_fault_is_reported() -> None:
-    m = a_verdict(OUTLET, 1.08, is_wide=True)
-    m.declared[number_of(GAIN)] = Declared("pump_effectiveness", -0.5, 1.0, 1, 20.0, 20.0)
-    assert not first_day.is_own(CONFIG, m, number_of(OUTLET))
+@pytest.mark.parametrize(
+    ("state", "size", "is_wide", "is_own"),
+    [(GAIN, -0.5, True, False), (GAIN, -0.1, True, True), (GAIN, -0.1, False, False), (LAG, 3.0, True, True)],
+)
+def test_what_follows_a_fault_is_reported(state: int, size: float, *, is_wide: bool, is_own: bool) -> None:
+    """A lag, or a tenth of a pump, that was named once used to end the learning of an unknown rig: more followed."""
+    m = a_verdict(OUTLET, 1.08, is_wide=is_wide)
+    m.declared[number_of(state)] = Declared("pump_effectiveness", size, 1.0, 1, 20.0, 20.0)
+    assert first_day.is_own(CONFIG, m, number_of(OUTLET)) is is_own
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "is_wide", "is_own"),
+    [
+        (0.0, 0.03, True, True),
+        (0.0, 0.05, True, False),
+        (0.06, 0.07, True, True),
+        (0.07, 0.09, True, False),
+        (0.0, 0.03, False, False),
+    ],
+)
+def test_a_small_leak_of_an_upper_tank_is_learned(before: float, now: float, *, is_wide: bool, is_own: bool) -> None:
+    """A leak of 0.7 % of tank 3 was named on a rig with other sensors and outlets than its file has."""
+    m = a_verdict(LEAK, now, is_wide=is_wide)
+    m.replays.before[number_of(LEAK), LEAK] = before
+    assert first_day.is_own(CONFIG, m, number_of(LEAK)) is is_own
+
+
+@pytest.mark.parametrize(
+    ("state", "now", "low_V", "is_own"),
+    [(GAIN, 1.18, 0.8, True), (GAIN, 1.22, 0.8, False), (GAIN, 1.18, 1.2, False), (OUTLET, 1.18, 0.8, False)],
+)
+def test_a_pump_that_leaves_its_dead_zone_corrects_the_model(
+    state: int, now: float, low_V: float, *, is_own: bool
+) -> None:
+    """The end of a dead zone that was learned 0.1 V wrong was a pump with 1.15 of its gain, at the first step up."""
+    m = a_verdict(state, now, is_wide=True)
+    m.history.entries[280:290, VOLTAGE] = low_V
+    assert first_day.is_own(CONFIG, m, number_of(state)) is is_own
+
+
+@pytest.mark.parametrize(("voltage_V", "gain", "is_nothing"), [(0.3, 0.0, True), (0.6, 0.0, False), (0.3, 1.5, False)])
+def test_a_pump_in_its_dead_zone_shows_nothing(voltage_V: float, gain: float, *, is_nothing: bool) -> None:
+    """Ten seconds at 0.2 V, below a dead zone, were a dead pump: the run tripped as running dry."""
+    m = a_verdict(GAIN, gain)
+    m.history.entries[290:301, VOLTAGE] = voltage_V
+    assert first_day.shows_nothing(m, number_of(GAIN)) is is_nothing
+
+
+@pytest.mark.parametrize(
+    ("state", "now", "lead", "t_s", "is_wide"),
+    [
+        (SCALE, 1.10, 0.0, 60.0, True),
+        (SCALE, 1.08, 0.0, 60.0, False),
+        (OUTLET + 3, 0.9, 0.0, 60.0, True),
+        (SCALE, 1.10, -1.0, 60.0, False),
+        (SCALE, 1.10, 0.0, 400.0, False),
+    ],
+)
+def test_a_main_filter_that_refutes_the_rig_file_gives_way(
+    state: int, now: float, lead: float, t_s: float, *, is_wide: bool
+) -> None:
+    """With a gain 17 % off a prior of 3 % nothing was ever found by which the wide filter would have been asked."""
+    m = a_memory(lead, 0.6)
+    m.t_s, m.x[state] = t_s, now
+    assert m.wide is not None
+    assert first_day._is_refuted(CONFIG, m, m.wide) is is_wide
+
+
+def test_the_rig_file_is_refuted_for_some_seconds_before_the_wide_filter_takes_over() -> None:
+    """A loss of 60 % moves the gain by a tenth before it is found, and the wide filter follows it sooner."""
+    m = a_memory(10.0, 0.6)
+    wide = m.wide
+    assert wide is not None
+    for t_s, gain in ((30.0, 0.88), (34.9, 0.88), (35.0, 1.0), (36.0, 0.88), (40.9, 0.88)):
+        m.t_s, m.x[SCALE] = t_s, gain
+        first_day._watch_file(CONFIG, m, wide)
+        assert not m.is_wide
+    m.t_s = 41.0
+    first_day._watch_file(CONFIG, m, wide)
+    assert m.is_wide
 
 
 def test_a_gain_that_is_learned_keeps_flow_and_its_uncertainty() -> None:

@@ -91,6 +91,13 @@ def is_led_by_small(m: Memory, number: int) -> bool:
     return any(float(r.evidence[n]) > float(r.evidence[number]) and _is_small(m, n) for n in range(H) if n != number)
 
 
+def leading_small(m: Memory, most: float) -> int | None:
+    """The likeliest fault that is too small to be declared, if its evidence is above the greatest of the others."""
+    found = too_small(m)
+    best = max(found, key=lambda number: found[number], default=None)
+    return best if best is not None and found[best] > most else None
+
+
 def _is_small(m: Memory, number: int) -> bool:
     """Whether the fault has a possible sign, and less than the smallest size that counts."""
     jump = JUMPS[number]

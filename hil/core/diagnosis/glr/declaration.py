@@ -10,7 +10,7 @@ from math import inf, nan, sqrt
 from hil.core.diagnosis.glr import growth, inflow_check, strength, stuck_check
 from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE
 from hil.core.diagnosis.glr.growth import NO_GROWTH
-from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, PUMPS, SPLITS
+from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, LAGS, PUMPS, SPLITS
 from hil.core.diagnosis.glr.memory import Declared, DetectorConfig, Lost, Memory, Suspicion
 from hil.core.diagnosis.glr.model import BIAS, DRIFT, GAIN, LAG, LEAK, OUTLET, PUMP, RATE, SPLIT, Array
 from hil.core.types import UNRESOLVED, Alarm, Pair
@@ -23,6 +23,9 @@ IDLE_V = 0.5
 
 FOLLOW_S, FOLLOW_SIZE = 5.0, 0.02
 """A fault that grows is reported again after this time when its size has changed by this much."""
+
+LAG_CHANGE, SURE_LAG = 0.2, 0.1
+"""A lag is reported again when it has changed by this share, and is known to the second."""
 
 AGAIN_S, SMALL_STEP = 20.0, 0.05
 """A fault that is found larger again within this time, or by less than this, has grown: it is no new fault."""
@@ -155,19 +158,38 @@ def follow_growth(config: DetectorConfig, m: Memory) -> list[Alarm]:
             continue
         fault.shown, fault.size = shown, float(m.x[JUMPS[j].state]) - fault.healthy
         m.followed_s = m.t_s
-        alarms.append(
-            Alarm(
-                detected_s=fault.detected_s,
-                kind=fault.kind,
-                target=JUMPS[j].target,
-                size=shown,
-                size_std=sqrt(max(m.P[JUMPS[j].state, JUMPS[j].state], 0.0)) * unit,
-                isolated_s=m.t_s,
-                candidates=(f"{fault.kind} {JUMPS[j].target}",),
-                number=fault.number,
-            )
-        )
+        alarms.append(_update(m, j, fault, sqrt(max(m.P[JUMPS[j].state, JUMPS[j].state], 0.0)) * unit))
     return alarms
+
+
+def follow_lags(config: DetectorConfig, m: Memory) -> list[Alarm]:
+    """New sizes of lags, once later movements have taught that the first was wrong, under the number of their alarm."""
+    alarms: list[Alarm] = []
+    if m.suspicion is not None or m.unknown is not None or m.t_s - m.followed_s < FOLLOW_S:
+        return alarms
+    for j in [j for j in LAGS if j in m.declared]:
+        fault = m.declared[j]
+        shown, unit = _shown(config, m, j, fault.healthy)
+        std = sqrt(max(m.P[JUMPS[j].state, JUMPS[j].state], 0.0)) * unit
+        if abs(shown - fault.shown) < LAG_CHANGE * fault.shown or std > SURE_LAG * shown:
+            continue
+        fault.shown, fault.size = shown, float(m.x[JUMPS[j].state]) - fault.healthy
+        alarms.append(_update(m, j, fault, std))
+        m.followed_s = m.t_s
+    return alarms
+
+
+def _update(m: Memory, j: int, fault: Declared, std: float) -> Alarm:
+    return Alarm(
+        detected_s=fault.detected_s,
+        kind=fault.kind,
+        target=JUMPS[j].target,
+        size=fault.shown,
+        size_std=std,
+        isolated_s=m.t_s,
+        candidates=(f"{fault.kind} {JUMPS[j].target}",),
+        number=fault.number,
+    )
 
 
 def end_growth(m: Memory) -> None:

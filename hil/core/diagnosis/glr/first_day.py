@@ -14,13 +14,16 @@ Why: `docs/decisions/0028-model-error.md`.
 
 from __future__ import annotations
 
+from math import inf
+
 import numpy as np
 
 from hil.core.diagnosis.glr import kernels
+from hil.core.diagnosis.glr.declaration import IDLE_V
 from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE, StepResult
 from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, LAGS, PUMPS, jumps_of
 from hil.core.diagnosis.glr.memory import DetectorConfig, Memory, Wide
-from hil.core.diagnosis.glr.model import GAIN, LEAK, PUMP, SCALE, ZONE, Array
+from hil.core.diagnosis.glr.model import BIAS, GAIN, LEAK, OUTLET, PUMP, SCALE, ZONE, Array
 from hil.core.diagnosis.glr.replay import RING
 
 WIDE_SHARE = 0.5
@@ -37,9 +40,24 @@ BEGIN_S, OWN_STDS = 1.0, 2.0
 """A pump whose gain or lag differs since so soon after the first readings is no fault, if it differs by no more than so
 many standard deviations of the wide filter."""
 
+MAX_STDS = 4.0
+"""Small leaks of an upper tank are learned up to so many standard deviations in all."""
+
 SMALL = 0.1
 """On a rig that is proven not to be as its file says, a smaller jump while a voltage moves corrects the model."""
 
+SMALL_NEAR_ZONE, NEAR_ZONE_V = 0.2, 1.0
+"""So does a larger one of a pump whose voltage has been below this a little before: a dead zone ends in a bend."""
+
+REFUTED_STDS, REFUTE_S, REFUTE_HOLD_S, REFUTE_STEPS = 3.0, 300.0, 5.0, 10
+"""A rig is not as its file says if a pump's gain or an outlet turns out to be so many of the file's standard deviations
+off, within this time: later that is a fault that grows. And for so long: before a large fault is found, the filter
+follows it for some steps. It is looked at every so many steps."""
+
+MINOR = 0.15
+"""On such a rig, a smaller declared fault may be the rig's own, and does not end its learning."""
+
+_OF_RIG = np.array([SCALE, SCALE + 1, *range(OUTLET, OUTLET + 4)])
 _RESULT = StepResult.empty()
 
 
@@ -57,7 +75,7 @@ def step(config: DetectorConfig, m: Memory, log_likelihood: float) -> None:
         if m.wide is not None and m.suspicion is None and (m.now - m.wide.began) * float(m.entry[PERIOD]) > RENEW_S:
             m.wide = None
     if m.wide is None:
-        if m.suspicion is None and not m.declared and not m.lost:  # what follows a fault is no matter of the rig's own
+        if m.suspicion is None and _is_learned_on(m):  # what follows a fault is no matter of the rig's own
             m.wide = _begin(config, m)
         return
     wide = m.wide
@@ -68,15 +86,38 @@ def step(config: DetectorConfig, m: Memory, log_likelihood: float) -> None:
     if is_due and not m.is_wide:
         _forget_share(wide.P, tuning.relearn_keep, config.wide_prior)
         wide.relearned_s = age_s
+    if not m.is_wide and m.now % REFUTE_STEPS == 0:
+        _watch_file(config, m, wide)
+
+
+def _watch_file(config: DetectorConfig, m: Memory, wide: Wide) -> None:
+    """Let the wide filter become the main one when the rig file has been refuted for long enough."""
+    wide.refuted_s = min(wide.refuted_s, m.t_s) if _is_refuted(config, m, wide) else inf
+    if m.t_s - wide.refuted_s >= REFUTE_HOLD_S:
+        _become_main(m, wide)
+
+
+def _is_refuted(config: DetectorConfig, m: Memory, wide: Wide) -> bool:
+    """Whether the main filter itself has found the rig to be as its file excludes, and the wide one explains it."""
+    if m.suspicion is not None or m.t_s - m.begun_s > REFUTE_S or wide.lead[m.now % RING] < 0.0:
+        return False
+    off = np.abs(m.x[_OF_RIG] - 1.0) > REFUTED_STDS * config.prior[_OF_RIG]
+    return bool(off.any())
 
 
 def explains_alarm(config: DetectorConfig, m: Memory) -> bool:
     """Whether the wide filter expected what the bank has just found, or always had it; it is the main filter then."""
     leader = int(np.argmax(m.best.ratio))
-    onset = int(m.bank.onset[int(m.best.slot[leader])])
+    slot = int(m.best.slot[leader])
+    onset = int(m.bank.onset[slot])
     if explains(config, m, onset, m.max_ratio):
         return True
     wide = m.wide
+    if _is_idle(m, leader, onset) and all(float(m.bank.match[j, slot]) < 0.0 for j in jumps_of(leader)):
+        if wide is not None and wide.lead[m.now % RING] >= 0.0:
+            _become_main(m, wide)
+        m.restart_bank()
+        return True
     if wide is None or leader not in (*PUMPS, BOTH, *LAGS) or not _is_from_begin(m, onset):
         return False
     gains, stds = wide.x[SCALE : SCALE + 2], config.wide_prior[SCALE : SCALE + 2]
@@ -99,13 +140,43 @@ def is_own(config: DetectorConfig, m: Memory, winner: int) -> bool:
     if winner in LAGS and float(r.x[winner, states[0]]) <= 1.0 + float(config.prior[states[0]]):
         return True
     onset = int(r.onset[winner])
-    if m.declared or m.lost or max(states) >= LEAK:
+    if not _is_learned_on(m) or max(states) >= BIAS:
         return False
+    if max(states) >= LEAK:
+        std = float(config.wide_prior[states[0]])
+        size = float(r.x[winner, states[0]] - r.before[winner, states[0]])
+        return m.is_wide and size <= OWN_STDS * std and float(r.x[winner, states[0]]) <= MAX_STDS * std
     sizes = [abs(float(r.x[winner, state] - r.before[winner, state])) for state in states]
     if winner in (*PUMPS, BOTH, *LAGS) and _is_from_begin(m, onset):
         spans = [config.wide_prior[state if winner in LAGS else SCALE + state - GAIN] for state in states]
         return all(size <= OWN_STDS * span for size, span in zip(sizes, spans, strict=True))
-    return m.is_wide and winner not in LAGS and max(sizes) <= SMALL and _moved_by(m, onset) >= MOVED_V
+    most = SMALL_NEAR_ZONE if _has_left_zone(m, winner, onset) else SMALL
+    return m.is_wide and winner not in LAGS and max(sizes) <= most and _moved_by(m, onset) >= MOVED_V
+
+
+def shows_nothing(m: Memory, winner: int) -> bool:
+    """Whether a verdict says that a pump gives less, and it has hardly been driven since: that is a dead zone."""
+    r = m.replays
+    jumps = jumps_of(winner)
+    states = [JUMPS[j].state for j in jumps]
+    is_less = bool(np.all(r.x[winner, states] < r.before[winner, states]))
+    return is_less and _is_idle(m, winner, int(r.onset[winner])) and not any(j in m.declared for j in jumps)
+
+
+def _is_idle(m: Memory, number: int, onset: int) -> bool:
+    """Whether a hypothesis is about pumps whose voltage has not shown what they give since a step."""
+    if number not in (*PUMPS, BOTH):
+        return False
+    steps = np.arange(max(onset, m.now - RING + 1, 1), m.now + 1) % RING
+    return all(float(m.history.entries[steps, VOLTAGE + j].max()) < IDLE_V for j in jumps_of(number))
+
+
+def _has_left_zone(m: Memory, winner: int, onset: int) -> bool:
+    """Whether a hypothesis is about pumps whose voltage was near their dead zone a little before a step, or since."""
+    if winner not in (*PUMPS, BOTH):
+        return False
+    steps = np.arange(max(onset - BEFORE_STEPS, m.now - RING + 1, 1), m.now + 1) % RING
+    return all(float(m.history.entries[steps, VOLTAGE + j].min()) < NEAR_ZONE_V for j in jumps_of(winner))
 
 
 def fold_gain(m: Memory, pump: int) -> None:
@@ -116,6 +187,14 @@ def fold_gain(m: Memory, pump: int) -> None:
     T[GAIN + pump, GAIN + pump] = 0.0
     m.x[SCALE + pump], m.x[GAIN + pump] = gain * scale, 1.0
     m.P[:] = T @ m.P @ T.T
+
+
+def _is_learned_on(m: Memory) -> bool:
+    """Whether the rig goes on to be learned: no sensor is lost, and no more than lags and what is MINOR is declared.
+
+    The latter on a rig that is proven not to be as its file says.
+    """
+    return not m.lost and all(j in LAGS or (m.is_wide and abs(one.size) <= MINOR) for j, one in m.declared.items())
 
 
 def _is_from_begin(m: Memory, onset: int) -> bool:

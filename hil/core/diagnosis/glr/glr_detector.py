@@ -22,6 +22,7 @@ from hil.core.diagnosis.glr import (
     identified,
     isolation,
     kernels,
+    possible,
     sensor_monitor,
     strength,
     stuck_check,
@@ -112,6 +113,7 @@ class GlrDetector:
         if m.suspicion is not None:
             alarms += isolation.isolate(config, m, m.suspicion)
         alarms += declaration.follow_growth(config, m)
+        alarms += declaration.follow_lags(config, m)
         if m.unknown is None:
             alarms += strength.step(m)
         declaration.watch_unproven(m)
@@ -221,6 +223,7 @@ class GlrDetector:
                 test_limit=self.config.tuning.detect,
                 open_question=ambiguity.open_question(self.config, m),
                 hidden_cm=hidden_cm,
+                possible=possible.rigs(self.config, m),
             )
         stuck = [j in m.declared and m.declared[j].kind == "pump_stuck_on" for j in PUMPS]
         distrusted = [m.distrusted(i) for i in range(4)]
@@ -249,6 +252,7 @@ class GlrDetector:
             test_limit=self.config.tuning.detect,
             open_question=ambiguity.open_question(self.config, m),
             hidden_cm=hidden_cm,
+            possible=possible.rigs(self.config, m),
         )
 
     def _is_diverged(self, m: Memory, level_cm: float) -> bool:

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from hil.core.diagnosis.glr.hypotheses import JUMPS, PUMPS
 from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
-from hil.core.diagnosis.glr.model import BIAS, GAIN, LEAK, OUTLET, SCALE, SPLIT
+from hil.core.diagnosis.glr.model import BIAS, GAIN, LEAK, OUTLET, SCALE, SPLIT, Array
 from hil.core.types import Waterways
 
 
 def waterways(config: DetectorConfig, m: Memory) -> Waterways | None:
     """What the filter has identified, if a leak or a blocked outlet was declared, otherwise None."""
-    if not any(OUTLET <= JUMPS[j].state < BIAS for j in m.declared):
-        return None
-    x = m.x
+    return of_state(config, m, m.x) if any(OUTLET <= JUMPS[j].state < BIAS for j in m.declared) else None
+
+
+def of_state(config: DetectorConfig, m: Memory, x: Array) -> Waterways:
+    """The same of a filter's state x (N,), whatever was declared."""
     left1, left2 = (m.declared[j].healthy if j in m.declared else float(x[GAIN + j]) for j in PUMPS)
     scale1, scale2 = x[SCALE : SCALE + 2].tolist()
     o1, o2, o3, o4, leak3, leak4 = x[OUTLET : LEAK + 2].tolist()

@@ -126,6 +126,9 @@ def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Ala
         return unknown.declare(config, m, suspicion, winner, order, before)
     if winner is not None:
         return _settle(config, m, suspicion, winner, order)
+    small = ambiguity.leading_small(m, evidence[order[0]]) if is_late else None
+    if small is not None and first_day.is_own(config, m, small) and not unknown.fits_badly(m, small, at_fit=False):
+        return _settle(config, m, suspicion, small, order)
     _drop(config, m, evidence)
     if is_late:
         return _still_open(m, suspicion, _open_candidates(m, evidence))
@@ -236,6 +239,10 @@ def _settle(config: DetectorConfig, m: Memory, suspicion: Suspicion, winner: int
     again with the bank: a fault that has begun meanwhile is then seen from its onset on.
     """
     r, has_moved = m.replays, ambiguity.has_moved(m)
+    if first_day.shows_nothing(m, winner):
+        m.suspicion = None
+        m.restart_bank()
+        return [] if suspicion.number is None else [declaration.withdrawn(m, suspicion.number, ())]
     is_own = first_day.is_own(config, m, winner)
     m.suspicion = None
     before, onset = r.before[winner].copy(), int(r.onset[winner])

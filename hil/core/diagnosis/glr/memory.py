@@ -199,7 +199,8 @@ class Wide:
     """The filter of a rig that its file does not describe, see `first_day`.
 
     x, P : its state. lead : by step modulo RING, log-likelihood ratio against the main filter since it began, at step
-    `began`. relearned_s : age at which a part of what was learned was forgotten the last time.
+    `began`. relearned_s : age at which a part of what was learned was forgotten the last time. refuted_s : since when
+    the main filter refutes the rig file, inf if it does not.
     """
 
     x: Array
@@ -207,6 +208,7 @@ class Wide:
     began: int
     lead: list[float] = field(default_factory=lambda: [0.0] * RING)
     relearned_s: float = 0.0
+    refuted_s: float = inf
 
 
 class Strength(NamedTuple):
