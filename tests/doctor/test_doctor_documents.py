@@ -118,7 +118,7 @@ def test_every_event_code_is_explained_once() -> None:
 def test_every_exit_code_is_explained_once() -> None:
     explained = [(plain(row[0]), int(row[1])) for row in rows_of("how-to/operating.md", "program")]
     of_hil = {0, exit_codes.BAD_INPUT, exit_codes.BROKEN_INVARIANT, exit_codes.INCOMPLETE, result_table.EXIT_FAILED}
-    of_hil |= {*exit_codes.BY_STATUS.values(), *exit_codes.BY_SIGNAL.values()}
+    of_hil |= {exit_codes.LIMIT_NOT_KEPT, *exit_codes.BY_STATUS.values(), *exit_codes.BY_SIGNAL.values()}
     of_emulator = {0, firmware_sim.cli.FAILED, firmware_sim.cli.BAD_INPUT}
     assert len(explained) == len(set(explained))
     assert set(explained) == {("hil", c) for c in of_hil} | {("firmware-sim", c) for c in of_emulator}
