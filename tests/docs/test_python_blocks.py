@@ -29,4 +29,4 @@ def test_a_python_block_runs(
     exec(compile(block, "block", "exec"), {"__name__": "__main__"})  # noqa: S102 - our own pages
     if "iae_Vs" in block:
         out = capsys.readouterr().out
-        assert re.fullmatch(r"\{'gain_fall': \(0\.5\d+, 0\.4\d+\), 'reference_step': \(1\.\d+, 1\.\d+\)\}\n", out), out
+        assert re.fullmatch(r"\{'gain_fall': \(0\.3\d+, 0\.2\d+\), 'reference_step': \(1\.\d+, 1\.\d+\)\}\n", out), out
