@@ -20,7 +20,7 @@ def run_finder(folder: Path | None, socket: Path | None) -> Callable[[], Path]:
             return find_run(folder, socket)
         runs = running_runs()
         if len(runs) > 1:
-            raise ControlError(f"{len(runs)} runs go on, name one: {listing(runs)}")
+            raise ControlError(f"more than one run goes on, name one: {listing(runs)}")
         if not runs:
             raise ControlError("no run goes on")
         return Path(runs[0].socket)

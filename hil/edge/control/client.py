@@ -171,7 +171,7 @@ def find_run(folder: str | os.PathLike[str] | None = None, path: str | os.PathLi
     if not runs:
         raise ControlError("no run goes on; give --run FOLDER or --socket PATH for one that was started elsewhere")
     if len(runs) > 1:
-        raise ControlError(f"{len(runs)} runs go on, give --run FOLDER: {listing(runs)}")
+        raise ControlError(f"more than one run goes on, give --run FOLDER: {listing(runs)}")
     return Path(runs[0].socket)
 
 
