@@ -72,7 +72,7 @@ app = typer.Typer(
         "129, 130 and 143 stopped by a signal."
     ),
     no_args_is_help=True,
-    add_completion=False,
+    add_completion=True,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
 )

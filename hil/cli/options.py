@@ -26,8 +26,22 @@ Bitrate = Annotated[
     typer.Option("-b", "--bitrate", min=10_000, max=1_000_000, help="bit/s. Default: the rig file's."),
 ]
 WithPumps = Annotated[bool, typer.Option("--with-pumps", help="Also move the pumps a little. Stay beside the rig.")]
+
+
+def shipped_scenarios(incomplete: str) -> list[str]:
+    """Names of shipped scenarios that begin so, for the completion of the shell."""
+    from hil.edge.config.shipped import shipped_names
+
+    return [name for name in shipped_names("scenarios") if name.startswith(incomplete)]
+
+
 ScenarioFile = Annotated[
-    Path, typer.Argument(metavar="SCENARIO", help="A scenario file, or the name of a shipped one, such as paper.")
+    Path,
+    typer.Argument(
+        metavar="SCENARIO",
+        help="A scenario file, or the name of a shipped one, such as paper.",
+        autocompletion=shipped_scenarios,
+    ),
 ]
 ConfigDir = Annotated[
     Optional[Path],

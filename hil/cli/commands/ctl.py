@@ -32,8 +32,13 @@ ACTIONS = (
 )
 
 
+def begin_with(incomplete: str) -> list[str]:
+    """The actions that begin so, for the completion of the shell."""
+    return [action for action in ACTIONS if action.startswith(incomplete)]
+
+
 def ctl(
-    action: Annotated[str, typer.Argument(metavar="ACTION", help=", ".join(ACTIONS) + ".")],
+    action: Annotated[str, typer.Argument(metavar="ACTION", help=", ".join(ACTIONS) + ".", autocompletion=begin_with)],
     values: Annotated[Optional[list[str]], typer.Argument(metavar="VALUES", help="What the action needs.")] = None,
     cm: Annotated[bool, typer.Option("--cm", help="Of reference: the values are levels in cm, not V.")] = False,
     change: Annotated[bool, typer.Option("--change", help="Of reference: the values are changes in V.")] = False,

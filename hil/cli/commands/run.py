@@ -25,6 +25,7 @@ from hil.cli.options import (
     ReportChoice,
     RerunChoice,
     RigFile,
+    shipped_scenarios,
 )
 
 HOLD = Path("hold")
@@ -36,7 +37,11 @@ EXAMPLE = "hil run steps -i socketcan -c can0"
 def run(
     scenario: Annotated[
         Optional[Path],
-        typer.Argument(metavar="SCENARIO", help="A scenario file, or a shipped name. Default: hold."),
+        typer.Argument(
+            metavar="SCENARIO",
+            help="A scenario file, or a shipped name. Default: hold.",
+            autocompletion=shipped_scenarios,
+        ),
     ] = None,
     interface: Interface = None,
     channel: Channel = None,
