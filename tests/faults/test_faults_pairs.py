@@ -107,6 +107,11 @@ def test_case_60_pairs_sample(seeds: range) -> None:
     assert_unbroken(seeds)
 
 
+def test_case_60_a_weak_pump_at_rest_does_not_prove_that_water_comes() -> None:
+    """Both pumps lose their water; one is taken for weak and at once hardly driven, while the dead one stands by."""
+    assert_unbroken(range(1499, 1500))
+
+
 def test_case_60_what_no_sensor_shows_is_for_the_rigs_owner() -> None:
     """A lower tank's outlet blocked after its sensor is lost: with `lost_lower_level = "stop"` the pumps are off."""
     faults = fault("sensor_garbage", 13.3, 1), fault("outlet_block", 26.3, 1, 0.9956)

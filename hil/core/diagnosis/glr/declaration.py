@@ -33,6 +33,9 @@ AGAIN_S, SMALL_STEP = 20.0, 0.05
 PROVEN_S, PROVEN_SHARE = 1.0, 0.1
 """A pump that has been driven for this time without an alarm works; with a smaller share of its gain it does not."""
 
+PROVEN_STDS = 2.0
+"""A weak pump at rest has that share for sure if its gain is larger by so many standard deviations."""
+
 BLIND_S = 3.0
 """How long an alarm may be unresolved while a lower tank has no sensor."""
 
@@ -255,7 +258,8 @@ def unproven(config: DetectorConfig, m: Memory) -> tuple[bool, bool]:
     """(2,) pumps that may deliver no water.
 
     A pump that was at rest when the other failed and has not been seen to work since, one that is dead if the likeliest
-    hypothesis is true, and one whose upper tank receives no water from it.
+    hypothesis is true, one whose upper tank receives no water from it, and one that has failed with the other, and
+    stands still before it was known how much it has left.
     """
     doubts = [m.unproven is not None and m.unproven[0] == pump for pump in PUMPS]
     if m.suspicion is not None and m.suspicion.leader is not None:
@@ -264,7 +268,17 @@ def unproven(config: DetectorConfig, m: Memory) -> tuple[bool, bool]:
             doubts[pump] |= pump in m.declared and left < PROVEN_SHARE * m.declared[pump].healthy
     for pump in PUMPS:
         doubts[pump] |= PUMPS[1 - pump] in m.declared and inflow_check.is_missing(config, m, pump)
+        doubts[pump] |= PUMPS[1 - pump] in m.declared and _may_be_dead_at_rest(m, pump)
     return doubts[0], doubts[1]
+
+
+def _may_be_dead_at_rest(m: Memory, pump: int) -> bool:
+    """Whether a pump was declared weak, and is at rest before its gain was known well enough to say that it works."""
+    fault = m.declared.get(pump)
+    if fault is None or fault.kind != "pump_effectiveness" or float(m.entry[VOLTAGE + pump]) >= IDLE_V:
+        return False
+    std = sqrt(max(float(m.P[GAIN + pump, GAIN + pump]), 0.0))
+    return float(m.x[GAIN + pump]) - PROVEN_STDS * std < PROVEN_SHARE * fault.healthy
 
 
 def is_blind(m: Memory) -> bool:
