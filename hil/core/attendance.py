@@ -21,6 +21,11 @@ class Attendance:
     is_told: bool = False
 
 
+def is_asked_for(limits: Limits) -> bool:
+    """Whether a run that nobody watches has to stop."""
+    return limits.unattended_s > 0.0 or limits.attended_s > 0.0
+
+
 def watch_attendance(
     attendance: Attendance, limits: Limits, is_here: bool, t_s: float
 ) -> tuple[Attendance, tuple[Event, ...]]:

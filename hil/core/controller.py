@@ -13,7 +13,7 @@ from math import inf, isfinite, nan
 from hil.core import active_isolation, closed_loop, live_operation, start_goal, start_phase, supervisor
 from hil.core.active_isolation import IDLE, NO_PROBE, Occasion, ProbeConfig, ProbeState
 from hil.core.alarm_list import AlarmList
-from hil.core.attendance import Attendance, unattended, watch_attendance
+from hil.core.attendance import Attendance, is_asked_for, unattended, watch_attendance
 from hil.core.closed_loop import LoopConfig, LoopState
 from hil.core.control_law import FeedbackRecord
 from hil.core.dry_watch import DryWatch, watch_dry
@@ -158,7 +158,7 @@ def _step(
         period_s = (now_ns - loop.stepped_ns) * 1e-9
         loop, loop_events = closed_loop.step(config.loop, loop, inputs, now_ns, probe)
         monitors, belief = _observe(config, monitors, loop, inputs.measurement, now_ns)
-        if config.limits.asks_for_operator:
+        if is_asked_for(config.limits):
             attendance, attendance_events = watch_attendance(attendance, config.limits, inputs.is_attended, loop.t_s)
             belief = replace(belief, unattended=unattended(attendance, state.alarms, config.limits, loop.t_s))
         if loop.start is not None and state.supervision.mode.is_controlling:

@@ -70,11 +70,6 @@ class Limits:
     attended_s: float = 0.0
 
     @property
-    def asks_for_operator(self) -> bool:
-        """Whether a run that nobody watches has to stop."""
-        return self.unattended_s > 0.0 or self.attended_s > 0.0
-
-    @property
     def max_drives(self) -> Pair:
         """(2,) the largest drive of each pump."""
         return self.pumps.drive((self.range_V[1], self.range_V[1]))
@@ -204,7 +199,7 @@ def _will_overflow(limits: Limits, s: Situation) -> bool:
         return True
     peaks_cm = peak_levels(limits.model, limits.lag_s, s.level_cm, s.pump_V, s.open_share)
     (p1, p2, p3, p4), (t1, t2, t3, t4), margin = peaks_cm, limits.model.height_cm, limits.rim_margin_cm
-    return p1 > t1 - margin or p2 > t2 - margin or p3 > t3 - margin or p4 > t4 - margin
+    return max(p1 - (t1 - margin), p2 - (t2 - margin), p3 - (t3 - margin), p4 - (t4 - margin)) > 0.0
 
 
 def _describe_levels(s: Situation) -> str:

@@ -60,7 +60,7 @@ def watch_readings(
             change_cm = now_cm - readings[tank]
             if abs(change_cm) > noise_cm and _is_too_fast(model, max_V, tank, change_cm, period_s, noise_cm):
                 sudden[tank] = max(sudden[tank] + change_cm, 0.0)
-            if trusted[tank] and sudden[tank] != 0.0:
+            if trusted[tank] and sudden[tank]:
                 sudden[tank] *= exp(-period_s / FORGET_S)
         readings[tank], times[tank] = now_cm, now_ns
     (r1, r2, r3, r4), (s1, s2, s3, s4), (t1, t2, t3, t4) = readings, sudden, times

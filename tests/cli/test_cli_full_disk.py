@@ -231,9 +231,9 @@ def test_what_a_full_disk_leaves_of_the_folders(tmp_path: Path, monkeypatch: pyt
 def test_no_file_may_grow_beyond_a_limit(tmp_path: Path) -> None:
     """The same where no file system can be mounted: EFBIG instead of ENOSPC, by RLIMIT_FSIZE."""
     scenario = tmp_path / "long.toml"
-    scenario.write_text(scenario_text(duration="60.0", more=""))
+    scenario.write_text(scenario_text(duration="200.0", more=""))
     folder = tmp_path / "run"
-    command = f"ulimit -f 250; exec {BIN / 'hil'} simulate {scenario} --out {folder}"
+    command = f"ulimit -f 900; exec {BIN / 'hil'} simulate {scenario} --out {folder}"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False, timeout=60.0)
     assert done.returncode == INCOMPLETE, done
     assert re.fullmatch(rf"hil: {folder}[^\n]+ File too large[^\n]+\n", done.stderr), done.stderr

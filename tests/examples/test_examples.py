@@ -27,7 +27,7 @@ def run_example(
 def test_simulate_and_plot(run_example: Callable[[str], str], tmp_path: Path) -> None:
     out = run_example("simulate_and_plot")
     assert "paper: complete" in out
-    assert re.search(r"IAE gain_fall: 0\.5\d\d, 0\.4\d\d V s", out)
+    assert re.search(r"IAE gain_fall: 0\.3\d\d, 0\.2\d\d V s", out)
     assert "<svg" in (tmp_path / "paper.svg").read_text()
 
 

@@ -166,4 +166,6 @@ def test_the_wheel_knows_its_scenarios_by_name(wheel: Path, tmp_path: Path) -> N
     assert version.stdout.startswith("hil ")
     unknown = run(tmp_path, wheel, "-m", "hil", "simulate", "papier")
     assert unknown.returncode == 2
-    assert "papier: no such file, and no shipped name; shipped scenarios: leak, paper, paper_glr" in unknown.stderr
+    assert (
+        "papier: no such file, and no shipped name; shipped scenarios: hold, leak, paper, paper_glr" in unknown.stderr
+    )

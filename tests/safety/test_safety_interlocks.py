@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.core import interlocks, supervisor
-from hil.core.interlocks import BYPASSABLE, INTERLOCKS, NO_BELIEF, Belief, Interlock, Reaction, Situation
+from hil.core.interlocks import BYPASSABLE, INTERLOCKS, NO_BELIEF, Belief, Interlock, Limits, Reaction, Situation
 from hil.core.live_levels import NONE
 from hil.core.pumps import PumpPath
 from hil.core.supervisor import OFF, Supervision
@@ -449,6 +449,11 @@ def test_a_lost_lower_level_stops_the_run_if_so_configured(sensor: int) -> None:
     else:
         assert state.mode is Mode.DEGRADED
     assert after(off, believing(lost))[0].mode is Mode.DEGRADED
+
+
+def test_nobody_has_to_watch_a_run_unless_it_is_asked_for() -> None:
+    unset = {field.name: field.default for field in fields(Limits)}
+    assert (unset["unattended_s"], unset["attended_s"]) == (0.0, 0.0)
 
 
 def test_a_run_that_nobody_watches_stops() -> None:
