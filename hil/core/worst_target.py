@@ -2,7 +2,8 @@
 
 A reference that only a healthy rig can hold would drive a pump to its limit, and fill an upper tank, if a candidate is
 true that the law does not know yet. So each candidate's rig is asked for the outputs nearest to the reference that it
-can hold. The one that holds the least, that is the outputs farthest from the reference, binds.
+can hold. The one that holds the least, that is the outputs farthest from the reference, binds. A rig that needs less
+than nothing of a pump binds nothing: the pump rests, and no limit is in danger.
 """
 
 from __future__ import annotations
@@ -32,13 +33,17 @@ def worst_target(model: TankModel, pumps: PumpPath, reference_V: Pair, rigs: Seq
 
 
 def _reached_cm(model: TankModel, pumps: PumpPath, wanted_cm: Pair, rig: PossibleRig) -> Pair:
-    """What a rig can hold; what its drives miss by less than UNSURE_V, or what can't be computed, is not judged."""
+    """What a rig can hold; what its drives miss by less than UNSURE_V, or what can't be computed, is not judged.
+
+    Nor is a drive below 0. With a lower outlet blocked it is far below, and the outputs nearest to the reference are
+    far from it: a sensor that drifts, which looks the same, would send the rig there.
+    """
     (e1, e2), (most1, most2) = rig.effectiveness, pumps.max_drives
     limit_V = (e1 * most1, e2 * most2)
     tanks, _ = found_tanks(model, rig.valve_split, rig.waterways)
     try:
         held_V = holding_voltages(tanks, wanted_cm)
-        if all(-UNSURE_V <= held <= most + UNSURE_V for held, most in zip(held_V, limit_V, strict=True)):
+        if all(held <= most + UNSURE_V for held, most in zip(held_V, limit_V, strict=True)):
             return wanted_cm
         return nearest_reachable(tanks, wanted_cm, limit_V, pumps).lower_cm
     except FAILURES:

@@ -9,8 +9,9 @@ import pytest
 
 from hil.core import closed_loop
 from hil.core.pumps import PumpPath
-from hil.core.tanks import equilibrium, nearest_reachable
-from hil.core.types import Diagnosis, Pair, PossibleRig
+from hil.core.reconfiguration import UNSURE_V, found_tanks
+from hil.core.tanks import equilibrium, holding_voltages, nearest_reachable
+from hil.core.types import Diagnosis, Pair, PossibleRig, Waterways
 from hil.core.worst_target import STEP_V, worst_target
 from tests.core.core_bench import BENCH, PERIOD_S, SECOND, Plant, bench_loop, inputs, volts
 
@@ -43,6 +44,13 @@ def test_the_candidate_that_holds_the_least_binds() -> None:
 def test_a_rig_without_an_operating_point_binds_nothing() -> None:
     """With splits that sum to 1 no outputs can be chosen: there is nothing to aim at instead."""
     assert target(PossibleRig(("valve_split 1",), (1.0, 1.0), valve_split=(0.5, 0.5))) == (WANTED_V, "")
+
+
+def test_a_blocked_outlet_of_a_lower_tank_binds_nothing() -> None:
+    """It needs less than nothing of a pump. A drift that looked like it sent the outputs from 13 cm to 5 and 15 cm."""
+    blocked = Waterways(outlet=(1.0, 0.29, 1.0, 1.0), leak=(0.0, 0.0), gain=(1.0, 1.0), split=BENCH.valve_split)
+    assert min(holding_voltages(found_tanks(BENCH, None, blocked)[0], (HELD_CM[0], HELD_CM[1]))) < -UNSURE_V
+    assert target(PossibleRig(("outlet_block 2",), (1.0, 1.0), waterways=blocked)) == (WANTED_V, "")
 
 
 class Asks:
