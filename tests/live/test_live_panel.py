@@ -166,7 +166,7 @@ def test_a_session_through_the_panel_is_in_the_record_with_its_author(tmp_path: 
                 await hand.wait(lambda panel: panel.view.state.mode == "RUNNING")
                 await hand.press("4", "enter", "enter", '"0.3"', "enter", "enter", "enter", "1")
                 await hand.wait(lambda panel: bool(panel.view.state.alarms))
-                await hand.press("k", "b", "enter", '"1"', "enter", "y")
+                await hand.press("k", "b", "enter", '"5"', "enter", "y")
                 await hand.wait(lambda panel: bool(panel.view.state.bypassed))
                 await hand.wait(lambda panel: not panel.view.state.bypassed)
                 await hand.press("n", '"done"', "enter", "ctrl+x")
