@@ -420,8 +420,8 @@ EVENTS: tuple[Explanation, ...] = (
         "operator_absent",
         Priority.MEDIUM,
         60.0,
-        "nobody has shown that he is at the bench for the time that `--attended` asks for",
-        "press a key in the panel, or send any request; the run stops after the same time again",
+        "no operator has sent a request for the time that `--attended` asks for",
+        "send any request, such as `hil ctl here`; the run stops after the same time again",
     ),
 )
 """By event code."""
