@@ -261,6 +261,7 @@ def run_plan(bench: Bench, *, is_live: bool, seed: int | None) -> RunPlan:
         files.append(bench.emulator_path)
     settings: dict[str, Any] = {
         "rig": bench.rig.model_dump(mode="json"),
+        "rig_file": bench.rig_path.name,
         "scenario": bench.scenario.model_dump(mode="json"),
     }
     if is_live:  # in lockstep the same seed gives the same bytes
