@@ -1,0 +1,1 @@
+"""Recorded runs as data: tables of frames, signals, control steps and events."""

@@ -1,0 +1,216 @@
+"""Reads the log of a run's frames (`candump -L`, see docs/reference/run-folder.md) as columns, all lines at once.
+
+The lines of a log have few layouts: widths of the time, channels, kinds of frame, payload lengths. The layout of a line
+is read by a regular expression; all lines of its length that have the same layout are then read together, as a table of
+characters. The next line that is left gives the next layout.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hil.edge.record.log_file import find_log, open_log
+from hil.edge.record.run_folder import RunFolderError
+
+BLOCK_BYTES = 1 << 23
+"""So much of the file is read at once: some 190 000 lines."""
+
+MAX_DATA = 8
+MAX_CHANNELS = 255
+ERROR_FLAG, ID_MASK = 0x20000000, 0x1FFFFFFF
+MAX_SHOWN = 60
+"""Characters of a damaged line that a message shows."""
+
+LINE = re.compile(
+    rb"\((?P<seconds>[0-9]+)\.(?P<fraction>[0-9]+)\) (?P<channel>\S+) (?P<id>[0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#"
+    rb"(?:[Rr](?P<remote>[0-8]?)|(?P<data>(?:[0-9A-Fa-f]{2}){0,8}))(?: [RT])?\r?"
+)
+
+Bytes = npt.NDArray[np.uint8]
+Flags = npt.NDArray[np.bool_]
+
+HEX = np.full(256, 255, np.uint8)
+"""Value of a hexadecimal digit; 255 for any other character."""
+for _text in (b"0123456789abcdef", b"0123456789ABCDEF"):
+    HEX[np.frombuffer(_text, np.uint8)] = np.arange(16, dtype=np.uint8)
+
+
+class DamagedLogError(RunFolderError, ValueError):
+    """A log with a line that is not a frame; the message names the file, the line's number and the line."""
+
+
+@dataclass(frozen=True, eq=False)
+class CanLog:
+    """The frames of a log in their order, each column an (n,) array, read-only.
+
+    time_s : since the epoch, float64, the one next to the number in the text. channel : index in `channels`, uint8.
+    arbitration_id : uint32; of an error frame, its class bits. length : bytes of data, uint8; of a remote frame, those
+    it asks for. data : (n, 8) uint8, zeros behind the frame's length. channels : names of the buses.
+    """
+
+    time_s: npt.NDArray[np.float64]
+    channel: Bytes
+    arbitration_id: npt.NDArray[np.uint32]
+    length: Bytes
+    data: Bytes
+    is_extended: Flags
+    is_remote: Flags
+    is_error: Flags
+    channels: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    def __getitem__(self, rows: slice | npt.NDArray[Any]) -> CanLog:
+        """The frames of these rows: a slice, an array of row numbers or of flags."""
+        return _log({name: getattr(self, name)[rows] for name in COLUMNS}, self.channels)
+
+
+COLUMNS = tuple(field.name for field in fields(CanLog) if field.name != "channels")
+
+
+def read_can_log(path: Path) -> CanLog:
+    """All frames of a log; `path` as for `can_log_blocks`, which see for what is raised."""
+    return joined(list(can_log_blocks(path)))
+
+
+def can_log_blocks(path: Path, block_bytes: int = BLOCK_BYTES) -> Iterator[CanLog]:
+    """The frames of a log block by block, for one that is larger than the memory.
+
+    path : the log; where there is none, `path` with .zst or .gz added is read, decompressed. What follows the last line
+    end is left out: a killed run may leave a half line there. Raises RunFolderError when there is no log or it can't be
+    read, DamagedLogError for a line that is not a classic CAN frame.
+    """
+    found = find_log(path)
+    channels: list[str] = []
+    rest, first_line = b"", 1
+    with open_log(found) as stream:
+        while block := stream.read(block_bytes):
+            whole, line_end, half = block.rpartition(b"\n")
+            if not line_end:
+                rest += half
+                continue
+            table = _Block(np.frombuffer(rest + whole + line_end, np.uint8), str(found), first_line, channels)
+            yield table.read()
+            rest, first_line = half, first_line + table.lines
+
+
+def joined(blocks: Sequence[CanLog]) -> CanLog:
+    """Blocks of one log, one after the other."""
+    if not blocks:
+        return _log(_columns(0), ())
+    columns = {name: np.concatenate([getattr(block, name) for block in blocks]) for name in COLUMNS}
+    return _log(columns, blocks[-1].channels)
+
+
+def parse_can_log(text: bytes, where: str) -> CanLog:
+    """The frames in the text of a log, whole lines only; raises DamagedLogError, `where` first."""
+    whole = text[: text.rfind(b"\n") + 1]
+    return _Block(np.frombuffer(whole, np.uint8), where, 1, []).read() if whole else joined(())
+
+
+class _Block:
+    """Whole lines of a log. channels : names found so far in the file; new ones are added."""
+
+    def __init__(self, text: Bytes, where: str, first_line: int, channels: list[str]) -> None:
+        self._text, self._where, self._first_line, self._channels = text, where, first_line, channels
+        ends = np.flatnonzero(text == ord("\n"))
+        self._starts = np.concatenate([[0], ends[:-1] + 1])
+        self._widths = ends - self._starts
+        self.lines = len(ends)
+
+    def read(self) -> CanLog:
+        columns = _columns(self.lines)
+        damaged: list[int] = []
+        for width in np.unique(self._widths):
+            rows = np.flatnonzero(self._widths == width)
+            if width == 0:
+                continue
+            windows = np.lib.stride_tricks.sliding_window_view(self._text, int(width))
+            table = windows[self._starts[rows]]
+            while len(rows):
+                match = LINE.fullmatch(table[0].tobytes())
+                if match is None:
+                    damaged.append(int(rows[0]))
+                    break
+                fits = self._read_layout(match, table, rows, columns)
+                rows, table = rows[~fits], table[~fits]
+        if damaged:
+            raise self._error(min(damaged))
+        if not self._widths.all():  # empty lines
+            columns = {name: column[self._widths > 0] for name, column in columns.items()}
+        return _log(columns, tuple(self._channels))
+
+    def _read_layout(
+        self, match: re.Match[bytes], table: Bytes, rows: npt.NDArray[np.intp], columns: dict[str, Any]
+    ) -> Flags:
+        """Read the lines that have the layout of the first; returns which of the table's lines these are.
+
+        table : (n, width), characters of lines of one width. rows : (n,), where they go in the columns.
+        """
+        is_fixed = np.ones(table.shape[1], np.bool_)
+        for name in ("seconds", "fraction", "id", "data"):
+            is_fixed[slice(*match.span(name))] = False
+        fits: Flags = (table[:, is_fixed] == table[0, is_fixed]).all(axis=1)
+        digits = np.concatenate([table[:, slice(*match.span(name))] for name in ("seconds", "fraction")], axis=1) - 48
+        identifier = HEX[table[:, slice(*match.span("id"))]]
+        nibbles = HEX[table[:, slice(*match.span("data"))]] if match["data"] else table[:, :0]
+        for numbers, highest in ((digits, 9), (identifier, 15), (nibbles, 15)):
+            if numbers.size:
+                fits &= numbers.max(axis=1) <= highest
+        if not fits.all():
+            rows, digits, identifier, nibbles = rows[fits], digits[fits], identifier[fits], nibbles[fits]
+        whole = _number(identifier, 16).astype(np.uint32)
+        is_long = len(match["id"]) == 8
+        is_error = is_long and (whole & ERROR_FLAG) != 0
+        columns["time_s"][rows] = _number(digits, 10) / 10.0 ** len(match["fraction"])
+        columns["channel"][rows] = self._channel(match["channel"].decode("ascii", "replace"))
+        columns["arbitration_id"][rows] = whole & ID_MASK
+        columns["is_extended"][rows] = is_long & ~np.asarray(is_error)
+        columns["is_error"][rows] = is_error
+        columns["is_remote"][rows] = match["remote"] is not None
+        columns["length"][rows] = int(match["remote"] or 0) or nibbles.shape[1] // 2
+        if nibbles.size:
+            columns["data"][rows, : nibbles.shape[1] // 2] = nibbles[:, ::2] << 4 | nibbles[:, 1::2]
+        return fits
+
+    def _channel(self, name: str) -> int:
+        if name not in self._channels:
+            self._channels.append(name)
+            if len(self._channels) > MAX_CHANNELS:
+                raise DamagedLogError(f"{self._where} has more than {MAX_CHANNELS} channels: {name} is one more")
+        return self._channels.index(name)
+
+    def _error(self, row: int) -> DamagedLogError:
+        """For a line that is not a frame."""
+        line = self._text[self._starts[row] :][: self._widths[row]].tobytes()
+        shown = line[:MAX_SHOWN].decode("ascii", "backslashreplace") + ("..." if len(line) > MAX_SHOWN else "")
+        kind = "a CAN FD frame, only classic CAN is read" if b"##" in line else "not a frame as candump -L writes it"
+        return DamagedLogError(f"{self._where}, line {self._first_line + row} is {kind}: {shown}")
+
+
+def _columns(rows: int) -> dict[str, npt.NDArray[Any]]:
+    """Columns of so many rows, in the order of CanLog's fields."""
+    kinds = (np.float64, np.uint8, np.uint32, np.uint8, None, np.bool_, np.bool_, np.bool_)
+    return {
+        name: np.zeros((rows, MAX_DATA), np.uint8) if kind is None else np.zeros(rows, kind)
+        for name, kind in zip(COLUMNS, kinds, strict=True)
+    }
+
+
+def _number(digits: Bytes, base: int) -> npt.NDArray[np.float64]:
+    """The numbers that rows of digits stand for: exact below 2^53."""
+    return digits.astype(np.float64) @ (float(base) ** np.arange(digits.shape[1] - 1, -1, -1))
+
+
+def _log(columns: dict[str, Any], channels: tuple[str, ...]) -> CanLog:
+    for column in columns.values():
+        column.setflags(write=False)
+    return CanLog(**columns, channels=channels)
