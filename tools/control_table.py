@@ -21,6 +21,7 @@ from rich.table import Table
 
 import hil
 from hil.campaigns.toml_text import toml_text
+from hil.review.step_response import SETTLED_V
 
 Floats = NDArray[np.float64]
 
@@ -30,7 +31,6 @@ STEP_V = 0.3146394
 AT_S = 60.0
 STEP_S, LOSS_S = 100.0, 150.0
 REST_S = (20.0, AT_S)
-SETTLED_V = 0.02
 FIRST_SEED = 50_001
 GAIN_V_CM = 0.5
 

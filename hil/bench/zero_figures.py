@@ -15,6 +15,7 @@ from hil.core.tanks import Array, LinearModel, TankModel, equilibrium, linearise
 from hil.core.types import Pair
 from hil.core.zero_bounds import ZeroBound, zero_bound
 from hil.edge.config.rig_file import Rig
+from hil.review.step_response import SETTLED_V
 
 STEPS: Mapping[str, Pair] = {
     "output 1": (0.3, 0.0),
@@ -24,7 +25,7 @@ STEPS: Mapping[str, Pair] = {
 }
 """Steps of the references in V, by name."""
 
-TOLERANCE_V = 0.02
+TOLERANCE_V = SETTLED_V
 """An output has settled when it stays so close to its reference."""
 
 PERIOD_S = 0.5

@@ -108,7 +108,7 @@ def _tested(bench: Bench, options: LimitOptions) -> JudgedScenario:
 
 def _show(console: Console, tested: JudgedScenario) -> None:
     table = Table(title=f"{tested.name}: {'passed' if tested.is_passed else 'FAILED'}", title_justify="left")
-    for head in ("limit", "value", "wanted", "at", ""):
+    for head in ("limit", "value", "allowed", "when", ""):
         table.add_column(head, overflow="fold")
     for row in _rows(tested.verdicts):
         table.add_row(*row)
@@ -119,5 +119,4 @@ def _show(console: Console, tested: JudgedScenario) -> None:
 
 def _rows(found: Iterable[LimitVerdict]) -> Iterable[tuple[str, ...]]:
     for one in found:
-        at = "" if one.at_s is None else f"{one.at_s:.1f} s"
-        yield one.name, one.value, one.limit, at, "pass" if one.is_passed else "FAIL"
+        yield one.name, one.value, one.limit, one.when, "pass" if one.is_passed else "FAIL"

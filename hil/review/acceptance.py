@@ -12,12 +12,17 @@ from hil.edge.config.accept_table import AcceptTable
 from hil.review.alarms import injected
 
 MISSING = "not in kpi.json"
+NOT_REACHED = "the run ended before the window did"
 Figures = Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
 class LimitVerdict:
-    """One limit and what the run gave. value, limit : as text. at_s : when it was decided; None: by the whole run."""
+    """One limit and what the run gave.
+
+    value, limit : as text. at_s : when it was decided; None: by the whole `window`, or by the whole run where that is
+    empty.
+    """
 
     name: str
     check: str
@@ -25,6 +30,12 @@ class LimitVerdict:
     limit: str
     at_s: float | None
     is_passed: bool
+    window: str = ""
+
+    @property
+    def when(self) -> str:
+        """When it was decided, as text."""
+        return (self.window or "whole run") if self.at_s is None else f"{self.at_s:.1f} s"
 
 
 def verdicts(
@@ -52,7 +63,7 @@ def figure_at(figures: Figures, path: str) -> Any:
 
 def _verdict(accept: AcceptTable, figures: Figures, faults: Sequence[Mapping[str, Any]]) -> LimitVerdict:
     value, limit, at_s, is_passed = _JUDGES[accept.check](accept, figures, faults)
-    return LimitVerdict(accept.name, accept.check, value, limit, at_s, is_passed)
+    return LimitVerdict(accept.name, accept.check, value, limit, at_s, is_passed, accept.window or "")
 
 
 _Judged = tuple[str, str, float | None, bool]
@@ -62,6 +73,38 @@ def _iae(accept: AcceptTable, figures: Figures, faults: object) -> _Judged:
     del faults
     pair = figure_at(figures, "iae_Vs").get(accept.window) if figure_at(figures, "iae_Vs") else None
     return _at_most(None if pair is None else max(pair), accept.iae_V_s, "V s")
+
+
+def _settling(accept: AcceptTable, figures: Figures, faults: object) -> _Judged:
+    """Of both outputs."""
+    del faults
+    pair = figures["settling_s"].get(accept.window)
+    limit = f"at most {accept.settling_s:g} s"
+    if pair is None:
+        return NOT_REACHED, limit, None, False
+    outside = [str(output) for output, value in enumerate(pair, 1) if value is None]
+    if outside:
+        return f"output {' and '.join(outside)}: not settled in the window", limit, None, False
+    return _at_most(max(pair), accept.settling_s, "s")
+
+
+def _overshoot(accept: AcceptTable, figures: Figures, faults: object) -> _Judged:
+    """Of the outputs whose reference changed in the window."""
+    del faults
+    limit = f"at most {accept.overshoot_cm:g} cm"
+    pair = figures["overshoot_cm"].get(accept.window)
+    if pair is None:
+        return NOT_REACHED, limit, None, False
+    known = [
+        (value, at_s)
+        for value, at_s in zip(pair, figures["overshoot_at_s"][accept.window], strict=True)
+        if value is not None
+    ]
+    if not known:
+        return "no reference changes in the window", limit, None, False
+    value, at_s = max(known, key=lambda one: float(one[0]))
+    text, _, _, is_kept = _at_most(value, accept.overshoot_cm, "cm")
+    return text, limit, at_s, is_kept
 
 
 def _detected(accept: AcceptTable, figures: Figures, faults: Sequence[Mapping[str, Any]]) -> _Judged:
@@ -121,8 +164,10 @@ def _trip(accept: AcceptTable, figures: Figures, faults: object) -> _Judged:
 
 def _level(accept: AcceptTable, figures: Figures, faults: object) -> _Judged:
     del faults
-    known = [level for level in figures["level_max_cm"] if level is not None]
-    return _at_most(max(known) if known else None, accept.level_max_cm, "cm")
+    known = {level: tank for tank, level in enumerate(figures["level_max_cm"]) if level is not None}
+    highest = max(known, default=None)
+    text, limit, _, is_kept = _at_most(highest, accept.level_max_cm, "cm")
+    return text, limit, None if highest is None else figures["level_max_at_s"][known[highest]], is_kept
 
 
 def _skipped(accept: AcceptTable, figures: Figures, faults: object) -> _Judged:
@@ -165,6 +210,8 @@ def _first_s(trips: Sequence[Mapping[str, Any]]) -> float | None:
 
 _JUDGES: Mapping[str, Callable[[AcceptTable, Figures, Sequence[Mapping[str, Any]]], _Judged]] = {
     "iae_V_s": _iae,
+    "settling_s": _settling,
+    "overshoot_cm": _overshoot,
     "detected_within_s": _detected,
     "named": _named,
     "no_alarm": _no_alarm,

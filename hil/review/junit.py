@@ -47,8 +47,7 @@ def write_junit(path: Path, tested: Sequence[JudgedScenario]) -> None:
 
 def failure_text(verdict: LimitVerdict) -> str:
     """Value, limit and time of a limit that was not kept."""
-    when = "" if verdict.at_s is None else f", at {verdict.at_s:.3g} s"
-    return f"{verdict.value}; wanted: {verdict.limit}{when}"
+    return f"{verdict.value}; limit: {verdict.limit}; when: {verdict.when}"
 
 
 def _case(suite: ElementTree.Element, one: JudgedScenario, name: str, time_s: float) -> ElementTree.Element:

@@ -20,6 +20,7 @@ from hil.edge.record.run_folder import Manifest, RunFolder, RunFolderError, RunP
 from hil.review.alarm_load import AlarmLoad, alarm_load
 from hil.review.alarms import Injected, injected, judge, merged
 from hil.review.parameter_drift import drift_of_run, hours_since_file, parameters_json
+from hil.review.step_response import response_figures
 from hil.review.ticks import Floats, LoggedEvent, Ticks, read
 
 LEVELS = ("1", "2", "3", "4")
@@ -43,7 +44,9 @@ class Kpi:
     """The figures as `kpi.json` has them; None where the run was too short or the value is not known.
 
     iae_Vs : window -> outputs 1, 2, of the reference asked for against the level. iae_covered_s : how much of the
-    window the record covers. ticks : steps in control, arming and ramp left out. duration_s : from time 0 on, without
+    window the record covers. settling_s, overshoot_cm, overshoot_at_s : window -> outputs 1, 2, see
+    `hil.review.step_response`; None where the run ended before the window. level_max_at_s : when each tank had its
+    highest level. ticks : steps in control, arming and ramp left out. duration_s : from time 0 on, without
     the start_phase_s before it. commands : how many were sent, how many of them the pump node did not accept, how many
     frames were lost. lateness_s : quantiles of how late the steps began. latency_s : quantiles of the time from the
     arrival of the newest frame that a step could use to the sending of its command. recorder_queue_max : most entries
@@ -66,8 +69,12 @@ class Kpi:
     iae_Vs: dict[str, tuple[float, float]]
     iae_source: Literal["truth", "estimate"]
     iae_covered_s: dict[str, float]
+    settling_s: dict[str, tuple[Finite, Finite] | None]
+    overshoot_cm: dict[str, tuple[Finite, Finite] | None]
+    overshoot_at_s: dict[str, tuple[Finite, Finite] | None]
     applied_max_V: tuple[Finite, Finite]
     level_max_cm: tuple[Finite, Finite, Finite, Finite]
+    level_max_at_s: tuple[Finite, Finite, Finite, Finite]
     iae_after_fault_Vs: tuple[float, float] | None
     alarms: tuple[dict[str, Any], ...]
     false_alarms: int | None
@@ -119,6 +126,7 @@ def evaluate(manifest: Manifest, ticks: Ticks, events: Sequence[LoggedEvent], sp
     first_s = float(ticks["t_s"][0]) if len(ticks) else 0.0
     level_V = output_levels(ticks, gain_V_cm)
     integrals = {window.name: _window_iae(ticks, level_V, window, plan.period_s) for window in plan.windows}
+    responses = response_figures(ticks, level_V, plan.windows, plan.period_s, gain_V_cm)
     faults = known_faults(plan)
     findings = merged(event.data for event in events if event.code == "alarm")
     verdict = None if faults is None else judge(faults, findings)
@@ -131,8 +139,12 @@ def evaluate(manifest: Manifest, ticks: Ticks, events: Sequence[LoggedEvent], sp
         iae_Vs={name: pair for name, (pair, _) in integrals.items()},
         iae_source="truth" if ticks.has_truth else "estimate",
         iae_covered_s={name: covered_s for name, (_, covered_s) in integrals.items()},
+        settling_s=responses["settling_s"],
+        overshoot_cm=responses["overshoot_cm"],
+        overshoot_at_s=responses["overshoot_at_s"],
         applied_max_V=(_peak(ticks["v1_applied_V"]), _peak(ticks["v2_applied_V"])),
         level_max_cm=_level_peaks(ticks, gain_V_cm),
+        level_max_at_s=_level_peak_times(ticks),
         iae_after_fault_Vs=None if after_fault is None else _window_iae(ticks, level_V, after_fault, plan.period_s)[0],
         alarms=tuple(asdict(finding) for finding in findings),
         false_alarms=None if verdict is None else len(verdict.false),
@@ -263,11 +275,21 @@ def _applied_out_of_range(ticks: Ticks, settings: Mapping[str, Any]) -> Known:
 
 
 def _level_peaks(ticks: Ticks, gain_V_cm: float) -> tuple[Finite, Finite, Finite, Finite]:
-    if ticks.has_truth:
-        peaks = [_peak(ticks[f"true_h{tank}_cm"]) for tank in LEVELS]
-    else:
-        peaks = [_peak(ticks[f"h{tank}_V"] / gain_V_cm) for tank in LEVELS]
-    return (peaks[0], peaks[1], peaks[2], peaks[3])
+    scale = 1.0 if ticks.has_truth else 1.0 / gain_V_cm
+    one, two, three, four = (_peak(level * scale) for level in _levels(ticks))
+    return one, two, three, four
+
+
+def _level_peak_times(ticks: Ticks) -> tuple[Finite, Finite, Finite, Finite]:
+    one, two, three, four = (
+        float(ticks["t_s"][np.nanargmax(level)]) if np.isfinite(level).any() else None for level in _levels(ticks)
+    )
+    return one, two, three, four
+
+
+def _levels(ticks: Ticks) -> list[Floats]:
+    """The true levels in cm where they are recorded, else the level signals in V."""
+    return [ticks[f"true_h{tank}_cm" if ticks.has_truth else f"h{tank}_V"] for tank in LEVELS]
 
 
 def _peak(values: Floats) -> Finite:

@@ -16,7 +16,11 @@ from hil.review.junit import JudgedScenario, write_junit
 ALARM: dict[str, Any] = {"kind": "pump_effectiveness", "target": 1, "detected_s": 200.4}
 FIGURES: dict[str, Any] = {
     "iae_Vs": {"fall": [0.2, 0.3], "short": [0.0, 0.0]},
+    "settling_s": {"fall": [1.2, 3.5], "never": [0.0, None], "short": None},
+    "overshoot_cm": {"fall": [0.2, 0.4], "one": [None, 0.0], "rest": [None, None], "short": None},
+    "overshoot_at_s": {"fall": [210.0, 212.5], "one": [None, None], "rest": [None, None], "short": None},
     "level_max_cm": [12.0, 13.5, None, 2.0],
+    "level_max_at_s": [20.0, 211.3, None, 3.0],
     "alarms": [ALARM],
     "trips": [{"t_s": 250.0, "cause": "high_level", "text": "tank 1"}],
     "skipped": 2,
@@ -36,6 +40,9 @@ def judged(**limit: Any) -> LimitVerdict:
     ("kept", "broken"),
     [
         ({"iae_V_s": 0.31, "window": "fall"}, {"iae_V_s": 0.29, "window": "fall"}),
+        ({"settling_s": 3.5, "window": "fall"}, {"settling_s": 3.4, "window": "fall"}),
+        ({"overshoot_cm": 0.4, "window": "fall"}, {"overshoot_cm": 0.39, "window": "fall"}),
+        ({"overshoot_cm": 0.0, "window": "one"}, {"overshoot_cm": 9.0, "window": "rest"}),
         ({"detected_within_s": 0.41}, {"detected_within_s": 0.39}),
         ({"named": ["pump_effectiveness 1"]}, {"named": ["pump_effectiveness 2"]}),
         ({"named": ["pump_effectiveness 1"]}, {"named": []}),
@@ -75,6 +82,21 @@ def test_a_verdict_says_value_limit_and_time() -> None:
     assert (found.value, found.limit, found.at_s) == ("high_level", "no trip", 250.0)
     found = judged(named=["sensor_bias 2"])
     assert (found.value, found.limit, found.at_s) == ("pump_effectiveness 1", "sensor_bias 2", 200.4)
+    found = judged(level_max_cm=13.0)
+    assert (found.value, found.limit, found.when) == ("13.5 cm", "at most 13 cm", "211.3 s")
+    found = judged(overshoot_cm=0.1, window="fall")
+    assert (found.value, found.limit, found.when) == ("0.4 cm", "at most 0.1 cm", "212.5 s")
+    found = judged(iae_V_s=0.1, window="fall")
+    assert (found.value, found.limit, found.when) == ("0.3 V s", "at most 0.1 V s", "fall")
+    assert judged(skipped_max=0).when == "whole run"
+
+
+def test_an_output_that_does_not_settle_keeps_no_limit() -> None:
+    found = judged(settling_s=1e9, window="never")
+    assert (found.value, found.is_passed) == ("output 2: not settled in the window", False)
+    for key in ("settling_s", "overshoot_cm"):
+        found = judged(**{key: 1e9, "window": "short"})
+        assert (found.value, found.is_passed) == ("the run ended before the window did", False)
 
 
 @pytest.mark.parametrize("path", ["nothing", "iae_Vs.fall[2]", "iae_Vs.rise[0]", "status[0]", "skipped.max"])
@@ -101,8 +123,8 @@ def test_a_fault_that_nobody_reported_keeps_no_limit_on_detection() -> None:
     [
         ({}, "none of iae_V_s"),
         ({"no_trip": True, "no_alarm": True}, "no_alarm, no_trip of"),
-        ({"iae_V_s": 1.0}, "window need each other"),
-        ({"no_trip": True, "window": "fall"}, "window need each other"),
+        ({"iae_V_s": 1.0}, "need window"),
+        ({"no_trip": True, "window": "fall"}, "need window"),
         ({"no_trip": True, "max": 1.0}, "are for figure"),
         ({"figure": "skipped"}, "needs min or max"),
         ({"figure": "skipped", "max": 1.0, "equals": 1}, "needs min or max"),
@@ -136,7 +158,7 @@ def test_the_junit_file_counts_failures_and_errors(tmp_path: Path) -> None:
     assert [(case.get("classname"), case.get("name")) for case in cases] == [("one", "it")] * 2 + [("two", "run")]
     failure = cases[1].find("failure")
     assert failure is not None
-    assert failure.get("message") == "high_level; wanted: no trip, at 250 s"
+    assert failure.get("message") == "high_level; limit: no trip; when: 250.0 s"
     assert cases[0].find("failure") is None
     error = cases[2].find("error")
     assert error is not None

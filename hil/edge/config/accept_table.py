@@ -15,23 +15,30 @@ FaultName = Annotated[str, Field(pattern=r"^[a-z0-9_]+( \w+)?$", max_length=80)]
 """As an alarm names it: kind and target, `pump_effectiveness 1`."""
 
 CHECKS = (
-    "iae_V_s", "detected_within_s", "named", "no_alarm", "no_trip", "trip", "level_max_cm", "skipped_max",
-    "lateness_p99_s", "figure",
+    "iae_V_s", "settling_s", "overshoot_cm", "detected_within_s", "named", "no_alarm", "no_trip", "trip",
+    "level_max_cm", "skipped_max", "lateness_p99_s", "figure",
 )  # fmt: skip
+
+OF_A_WINDOW = ("iae_V_s", "settling_s", "overshoot_cm")
+"""Limits that need `window`."""
 
 
 class AcceptTable(Section):
     """One limit: exactly one of `CHECKS`.
 
-    iae_V_s : of both outputs in `window`. detected_within_s : the latest first report of each injected fault, s after
-    its onset. named : the faults that alarms name, no more and no less. no_alarm, no_trip : none at all. trip : the
-    cause of the first trip. level_max_cm : of all tanks. skipped_max : skipped steps. lateness_p99_s : of the steps.
-    figure : any number of `kpi.json` by its path, with `min`, `max` (both may be given) or `equals`.
+    iae_V_s, settling_s, overshoot_cm : of both outputs in `window`, see `hil.review.kpi`.
+    detected_within_s : the latest first report of each injected fault, s after its onset.
+    named : the faults that alarms name, no more and no less. no_alarm, no_trip : none at all.
+    trip : the cause of the first trip. level_max_cm : of all tanks. skipped_max : skipped steps.
+    lateness_p99_s : of the steps. figure : any number of `kpi.json` by its path, with `min`, `max` (both may be given)
+    or `equals`.
     """
 
     name: Annotated[str, Field(min_length=1, max_length=120)]
     window: Annotated[str, Field(min_length=1, max_length=64)] | None = None
     iae_V_s: Positive | None = None
+    settling_s: NotNegative | None = None
+    overshoot_cm: NotNegative | None = None
     detected_within_s: Positive | None = None
     named: tuple[FaultName, ...] | None = None
     no_alarm: Literal[True] | None = None
@@ -55,8 +62,8 @@ class AcceptTable(Section):
         given = [key for key in CHECKS if getattr(self, key) is not None]
         if len(given) != 1:
             raise ValueError(f"has {', '.join(given) or 'none'} of {', '.join(CHECKS)}: give one")
-        if (self.window is not None) != (self.iae_V_s is not None):
-            raise ValueError("iae_V_s and window need each other")
+        if (self.window is not None) != (given[0] in OF_A_WINDOW):
+            raise ValueError(f"{', '.join(OF_A_WINDOW)} need window, other limits have none")
         has_range = self.min is not None or self.max is not None
         if self.figure is None and (has_range or self.equals is not None):
             raise ValueError("min, max and equals are for figure")
