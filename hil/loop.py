@@ -95,7 +95,7 @@ class ControlLoop:
     config : of a scenario's controller; or the steps of something else, such as a phase of an experiment.
     true_level_cm : the emulator's levels for the record, where they can be known. on_tick : watches every step.
     clock_ns : tells when a command has gone out; without it, it went out at the step's own time.
-    operator : who may change the run while it goes on.
+    operator : who may change the run while it goes on. sender : of a replay.
     """
 
     def __init__(
@@ -112,9 +112,10 @@ class ControlLoop:
         on_tick: Callable[[Inputs, Output, Mode], None] | None = None,
         clock_ns: Callable[[], int] | None = None,
         operator: OperatorChannel | None = None,
+        sender: CommandSender | None = None,
     ) -> None:
         self._steps: Steps = ScenarioSteps(config) if isinstance(config, ControllerConfig) else config
-        self._sender = CommandSender(contract)
+        self._sender = CommandSender(contract) if sender is None else sender
         self._receiver = Receiver(contract, self._sender, sensor_range_V, self._steps.sensors)
         self._port = port
         self._recorder = recorder

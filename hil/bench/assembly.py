@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ from hil.edge.config.settings_file import SettingsError, default_config_dir, rea
 from hil.edge.config.shipped import find_rig, find_scenario
 from hil.edge.record.run_folder import RunPlan, Window
 from hil.loop import ControlLoop, OperatorChannel, Port, Recorder
+from hil.wire.command_sender import CommandSender
 from hil.wire.contract import Contract, ContractError
 
 Watcher = Callable[[Inputs, Output, Mode], None]
@@ -210,6 +212,7 @@ def make_loop(
     on_tick: Watcher | None = None,
     clock_ns: Callable[[], int] | None = None,
     operator: OperatorChannel | None = None,
+    sender: CommandSender | None = None,
 ) -> ControlLoop:
     """The control loop of a bench on an open port, for any clock. Keyword arguments: see `ControlLoop`."""
     return ControlLoop(
@@ -224,6 +227,7 @@ def make_loop(
         on_tick=on_tick,
         clock_ns=clock_ns,
         operator=operator,
+        sender=sender,
     )
 
 
@@ -254,8 +258,10 @@ def _fault_detector(bench: Bench) -> FaultDetector:
     return choice.make(bench.rig, bench.scenario)
 
 
-def run_plan(bench: Bench, *, is_live: bool, seed: int | None) -> RunPlan:
-    """What the run folder keeps of the configuration."""
+def run_plan(
+    bench: Bench, *, is_live: bool, seed: int | None, config: ControllerConfig | None = None, clear_trip: bool = False
+) -> RunPlan:
+    """What the run folder keeps of the configuration. config, clear_trip : with them, a replay knows the options."""
     files = [bench.rig_path, bench.scenario_path, bench.dbc_path]
     if not is_live:
         files.append(bench.emulator_path)
@@ -264,6 +270,12 @@ def run_plan(bench: Bench, *, is_live: bool, seed: int | None) -> RunPlan:
         "rig_file": bench.rig_path.name,
         "scenario": bench.scenario.model_dump(mode="json"),
     }
+    if config is not None:
+        settings["options"] = {
+            "duration_s": config.duration_s if isfinite(config.duration_s) else None,
+            "clear_trip": clear_trip,
+            "attended_s": config.limits.attended_s,
+        }
     if is_live:  # in lockstep the same seed gives the same bytes
         written = datetime.fromtimestamp(bench.rig_path.stat().st_mtime, UTC)
         settings["rig_file_utc"] = written.isoformat(timespec="seconds")

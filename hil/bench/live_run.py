@@ -45,7 +45,8 @@ def run_live(
         channel = stack.enter_context(ControlChannel())
         port = BusPort(address.open(bench.contract.ids))
         stack.callback(port.close)
-        folder = RunFolder.create(options.out, run_plan(bench, is_live=True, seed=None))
+        plan = run_plan(bench, is_live=True, seed=None, config=config, clear_trip=options.clear_trip)
+        folder = RunFolder.create(options.out, plan)
         timeline = timeline_settings(bench, config, options)
         if timeline is not None and options.live is not None:
             timeline = replace(timeline, live_port=viewer.free_port())

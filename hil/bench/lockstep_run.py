@@ -27,7 +27,8 @@ def simulate(bench: Bench, options: RunOptions, on_progress: Callable[[int], Non
     check_length(bench, options.duration_s)
     config = controller_config(bench, options.duration_s)
     emulator = emulator_of(bench, options.seed)
-    folder = RunFolder.create(options.out, run_plan(bench, is_live=False, seed=options.seed))
+    plan = run_plan(bench, is_live=False, seed=options.seed, config=config, clear_trip=options.clear_trip)
+    folder = RunFolder.create(options.out, plan)
     with ExitStack() as stack:
         ours, theirs = (stack.enter_context(end) for end in pair())
         timeline = timeline_settings(bench, config, options)

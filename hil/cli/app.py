@@ -23,6 +23,7 @@ from hil.cli.commands import (
     doctor,
     identify,
     panel,
+    replay,
     report,
     run,
     simulate,
@@ -50,6 +51,7 @@ COMMANDS: tuple[ModuleType, ...] = (
     tune,
     view,
     report,
+    replay,
     test,
 )
 """In the order of the help. Each has a function of its own name, and EXAMPLE."""
@@ -68,7 +70,7 @@ app = typer.Typer(
         "Exit codes: 0 done; 2 bad input or no record possible, nothing moved; 3 tripped; 4 not ready or failed; "
         "ctl: 4 also refused, or no run; "
         "5 done, but record or output incomplete, or identify --check: beyond the limit; "
-        "6 test: a limit is not kept; "
+        "6 test: a limit is not kept; replay: other commands than recorded; "
         "129, 130 and 143 stopped by a signal."
     ),
     no_args_is_help=True,

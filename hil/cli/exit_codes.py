@@ -7,7 +7,7 @@
          ctl: refused, or no run to ask
     5    done, but a file of the record or standard output can't be written completely; the line says which
          identify --check: a parameter has moved from the rig file by more than the limit
-    6    test: a run has not kept a limit of its scenario
+    6    test: a run has not kept a limit of its scenario; replay: other commands than recorded
     129, 130, 143  stopped by SIGHUP, SIGINT, SIGTERM
 
 A run that did not end well keeps its code when its record is incomplete, too: the line says both.
@@ -23,6 +23,8 @@ MOVED = 5
 """Of `hil identify --check`."""
 LIMIT_NOT_KEPT = 6
 """Of `hil test`."""
+DIFFERS = 6
+"""Of `hil replay`."""
 BY_STATUS = {"complete": 0, "stopped": 0, "tripped": 3, "failed": 4}
 BY_SIGNAL = {"SIGHUP": 129, "SIGINT": 130, "SIGTERM": 143}
 

@@ -63,6 +63,11 @@ class CommandSender:
         self.sent += 1
         return payload
 
+    def replace_last(self, voltage_V: Pair, *, enable: bool) -> None:
+        """Expect the echo of this command instead of the last one: for a replay, in which another one was sent."""
+        last = self._pending.pop()
+        self._pending.append(Sent(last.number, last.counter, last.sent_ns, voltage_V, enable))
+
     def echo(self, counter: int, accepted: int) -> Sent | None:
         """The command that an echo belongs to. accepted : the node's count of accepted commands, modulo 256.
 

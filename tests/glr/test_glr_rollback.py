@@ -8,7 +8,7 @@ from hil.core.diagnosis.glr.bank import Best, find_best
 from hil.core.diagnosis.glr.filter import READING, VARIANCE
 from hil.core.diagnosis.glr.glr_detector import GlrDetector
 from hil.core.diagnosis.glr.memory import Memory
-from hil.core.diagnosis.glr.replay import RING
+from hil.core.diagnosis.glr.refilter import RING
 from hil.core.diagnosis.glr.tuning import Tuning
 from tests.glr.glr_bench import MODEL, NO_ESTIMATE, PERIOD_S, Plant
 from tests.narrowing import not_none

@@ -13,6 +13,7 @@ SAME_MEANING = {
     "doctor": "`hil/cli/commands` has a module for each command, by its name; the package does what the command asks",
     "conformance": "as doctor",
     "panel": "as doctor",
+    "replay": "as doctor",
     "identify": "the command, and the verdict on records that it asks for",
 }
 """Modules with one name, and why that is no second meaning. The emulator has names of its own."""

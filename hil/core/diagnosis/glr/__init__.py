@@ -4,7 +4,7 @@ model              states and prediction: levels, pump lag, slow parameters, fau
 filter             one step of the extended Kalman filter; its innovations are white as long as nothing has failed
 hypotheses         what can go wrong, each a jump of one state of that filter
 bank               every hypothesis at every onset of the last minute, linear: raises the alarm
-replay             the filter again from the onset, once per hypothesis: tells them apart and says how large
+refilter           the filter again from the onset, once per hypothesis: tells them apart and says how large
 isolation          from an alarm to a verdict; `declaration` names it, `drift_review` and `stuck_check` may change it
 ambiguity          what cannot be told apart yet
 hidden_level       how full a lower tank is by a drift of its sensor that is not excluded

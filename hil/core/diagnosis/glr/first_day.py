@@ -24,7 +24,7 @@ from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE, StepResult
 from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, LAGS, PUMPS, jumps_of
 from hil.core.diagnosis.glr.memory import DetectorConfig, Memory, Wide
 from hil.core.diagnosis.glr.model import BIAS, GAIN, LEAK, OUTLET, PUMP, SCALE, ZONE, Array
-from hil.core.diagnosis.glr.replay import RING
+from hil.core.diagnosis.glr.refilter import RING
 
 WIDE_SHARE = 0.5
 """It is enough that the wide filter has this share of the likeliest fault's evidence: it explains what follows, too."""

@@ -33,7 +33,7 @@ from hil.core.diagnosis.glr.growth import NO_GROWTH
 from hil.core.diagnosis.glr.hypotheses import PUMPS
 from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
 from hil.core.diagnosis.glr.model import LAG, LEVEL
-from hil.core.diagnosis.glr.replay import RING
+from hil.core.diagnosis.glr.refilter import RING
 from hil.core.diagnosis.glr.tuning import Tuning
 from hil.core.estimator import Estimate
 from hil.core.sensors import PLAIN, LevelSensors

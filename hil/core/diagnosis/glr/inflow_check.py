@@ -11,7 +11,7 @@ import numpy as np
 
 from hil.core.diagnosis.glr.filter import PERIOD, READING, VOLTAGE
 from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
-from hil.core.diagnosis.glr.replay import RING
+from hil.core.diagnosis.glr.refilter import RING
 
 WINDOW_S = 1.0
 MIN_V = 2.0

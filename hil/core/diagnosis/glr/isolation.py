@@ -29,7 +29,7 @@ from hil.core.diagnosis.glr.growth import NO_GROWTH
 from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, PUMPS, ROWS, VARIANTS, H, jumps_of
 from hil.core.diagnosis.glr.memory import Checkpoint, DetectorConfig, Memory, Suspicion
 from hil.core.diagnosis.glr.model import BIAS, DRIFT, GAIN, Array
-from hil.core.diagnosis.glr.replay import Replays
+from hil.core.diagnosis.glr.refilter import Replays
 from hil.core.types import Alarm
 
 RIVALS = 2

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hil.core.diagnosis.glr import bank, growth, noise_learning, replay
+from hil.core.diagnosis.glr import bank, growth, noise_learning, refilter
 from hil.core.diagnosis.glr import filter as level_filter
 from hil.core.diagnosis.glr import model as process_model
 from hil.core.diagnosis.glr.compiled import entry_point
@@ -15,4 +15,4 @@ learn_process_noise = entry_point(noise_learning.learn_process_noise)
 grow = entry_point(growth.grow)
 advance_bank = entry_point(bank.advance)
 update_bank = entry_point(bank.update)
-catch_up = entry_point(replay.catch_up)
+catch_up = entry_point(refilter.catch_up)

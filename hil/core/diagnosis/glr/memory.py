@@ -32,7 +32,7 @@ from hil.core.diagnosis.glr.model import (
 )
 from hil.core.diagnosis.glr.noise_learning import ProcessNoise
 from hil.core.diagnosis.glr.prior import prior_of, wide_prior_of
-from hil.core.diagnosis.glr.replay import RING, History, Replays
+from hil.core.diagnosis.glr.refilter import RING, History, Replays
 from hil.core.diagnosis.glr.sensor_statistics import SensorStatistics
 from hil.core.diagnosis.glr.tuning import Tuning
 from hil.core.sensors import PLAIN, LevelSensors

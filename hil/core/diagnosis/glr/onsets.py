@@ -14,7 +14,7 @@ from hil.core.diagnosis.glr.filter import PERIOD
 from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, ROWS, VARIANTS, H, Variant, jumps_of
 from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
 from hil.core.diagnosis.glr.model import BIAS, DRIFT, OUTLET
-from hil.core.diagnosis.glr.replay import Replays
+from hil.core.diagnosis.glr.refilter import Replays
 
 ONSETS_AROUND = (-8, -4, -2, -1, 0, 1, 2, 4, 8)
 AGES_AROUND = (0.4, 0.55, 0.75, 1.3, 1.7, 2.2)

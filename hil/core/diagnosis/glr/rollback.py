@@ -7,7 +7,7 @@ from math import nan
 from hil.core.diagnosis.glr import bank, kernels
 from hil.core.diagnosis.glr.filter import PERIOD, READING, VARIANCE
 from hil.core.diagnosis.glr.memory import Declared, DetectorConfig, Memory
-from hil.core.diagnosis.glr.replay import RING
+from hil.core.diagnosis.glr.refilter import RING
 
 SAME_STEPS = 5
 """A fault whose onset is at most this many steps before the failure of its sensor may be caused by the sensor."""

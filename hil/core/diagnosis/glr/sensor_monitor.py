@@ -11,7 +11,7 @@ from hil.core.diagnosis.glr.filter import PERIOD, READING, VARIANCE
 from hil.core.diagnosis.glr.hypotheses import JUMPS
 from hil.core.diagnosis.glr.memory import Declared, DetectorConfig, Lost, Memory
 from hil.core.diagnosis.glr.model import BIAS, DRIFT
-from hil.core.diagnosis.glr.replay import RING
+from hil.core.diagnosis.glr.refilter import RING
 from hil.core.diagnosis.glr.sensor_statistics import NOISY_PERIODS, OPEN_RUN
 from hil.core.types import Alarm, Measurement
 

@@ -26,7 +26,7 @@ from hil.core.diagnosis.glr.hypotheses import JUMPS, jumps_of
 from hil.core.diagnosis.glr.memory import Checkpoint, DetectorConfig, Memory, Suspicion, Told, Unknown
 from hil.core.diagnosis.glr.model import BIAS, LEVEL, PUMP, Array, N
 from hil.core.diagnosis.glr.noise_learning import RATIO
-from hil.core.diagnosis.glr.replay import RING
+from hil.core.diagnosis.glr.refilter import RING
 from hil.core.types import UNKNOWN, Alarm, Quad
 
 BAD_RATIO, BAD_STDS = 2.5, 4.0

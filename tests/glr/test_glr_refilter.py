@@ -7,7 +7,7 @@ from hil.core.diagnosis.glr.filter import PERIOD, READING, VARIANCE, VOLTAGE, WE
 from hil.core.diagnosis.glr.growth import NO_GROWTH
 from hil.core.diagnosis.glr.hypotheses import BIAS_PRIOR_V, JUMPS
 from hil.core.diagnosis.glr.model import BIAS, GAIN, LEAK, SCALE, N
-from hil.core.diagnosis.glr.replay import History, Replays, catch_up
+from hil.core.diagnosis.glr.refilter import History, Replays, catch_up
 from tests.glr.glr_bench import DETECTOR, PERIOD_S
 
 SENSOR = 2

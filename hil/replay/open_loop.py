@@ -1,0 +1,160 @@
+"""The control loop driven by recorded frames at their recorded times; what it would send is kept and goes nowhere.
+
+Open loop: the recorded rig answered the recorded commands. Echoes of the pump node are therefore matched with the
+recorded commands, not with today's; otherwise a law that asks for other voltages would seem to be disobeyed.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from hil.bench.assembly import Bench, make_loop
+from hil.core.controller import ControllerConfig, ControllerState, Output
+from hil.core.live_request import LiveRequest
+from hil.core.types import Command, Event, Inputs, Quad, TickRecord, Timing
+from hil.edge.record.record_format import event_line
+from hil.loop import Outcome
+from hil.replay.command_difference import count_of_command
+from hil.replay.recorded_steps import NOTHING, RecordedStep, RecordedSteps
+from hil.wire.command_sender import CommandSender
+from hil.wire.contract import Contract
+
+
+@dataclass(frozen=True, eq=False)
+class Replayed:
+    """What today's controller did.
+
+    payloads : what it sent at each step; b"" for nothing. event_text : lines as in events.jsonl. columns : of the steps
+    in control, by name. outcome : how it would have ended the run, if it did.
+    """
+
+    payloads: tuple[bytes, ...]
+    event_text: str
+    columns: dict[str, array[float]]
+    outcome: Outcome | None
+
+
+class ReplayPort:
+    """Takes what the loop sends. is_up, can_send : as the record says of the step."""
+
+    def __init__(self) -> None:
+        self.send_failures = 0
+        self.is_up = True
+        self.last_error = ""
+        self.lines_rejected = ""
+        self.can_send = True
+        self.payload = b""
+
+    def send(self, frame_id: int, data: bytes, timestamp_s: float) -> bool:
+        """Keep the payload."""
+        del frame_id, timestamp_s
+        self.payload = data
+        self.send_failures += not self.can_send
+        return self.can_send
+
+
+class RecordedCommandSender(CommandSender):
+    """Encodes today's commands, but expects the echo of the recorded ones."""
+
+    def __init__(self, contract: Contract) -> None:
+        super().__init__(contract)
+        self._layout = contract.frames["PumpCommand"]
+        self._count_V = count_of_command(contract)
+        self.recorded = b""
+        """What the record sent at this step; empty: nothing."""
+
+    def encode(self, command: Command, now_ns: int) -> bytes:
+        """Payload of today's command, with the counter of the recorded one."""
+        values = self._layout.decode(self.recorded) if self.recorded else None
+        if values is None:
+            return super().encode(command, now_ns)
+        self.sent += (int(values["Counter"]) - self.sent) % 16
+        payload = super().encode(command, now_ns)
+        recorded_V, enable = (values["Command1"], values["Command2"]), bool(values["Enable"])
+        off_V = max(abs(was - now) for was, now in zip(recorded_V, command.voltage_V, strict=True))
+        if enable != command.enable or off_V > self._count_V:  # otherwise it is the command itself, less its rounding
+            self.replace_last(recorded_V, enable=enable)
+        return payload
+
+
+class ReplayRecorder:
+    """Keeps the events, and of the steps what the comparison shows."""
+
+    def __init__(self) -> None:
+        self.events: list[str] = []
+        names = ("t_s", "mode", "v1_V", "v2_V", "theta1", "theta2", "test_ratio", "test_limit")
+        self.columns = {name: array("d") for name in names}
+
+    def tick(self, record: TickRecord, true_level_cm: Quad | None = None) -> None:
+        """Keep one step and its events."""
+        del true_level_cm
+        (v1, v2), (theta1, theta2) = record.command_V, record.effectiveness
+        row = (record.t_s, record.mode, v1, v2, theta1, theta2, record.test_ratio, record.test_limit)
+        for column, value in zip(self.columns.values(), row, strict=True):
+            column.append(value)
+        for event in record.events:
+            self.event(record.t_s, event)
+
+    def frame(self, timestamp_s: float, arbitration_id: int, data: bytes | bytearray, is_rx: bool = True) -> None:
+        """Frames are in the record already."""
+
+    def message(self, timestamp_s: float, message: Any) -> None:
+        """Frames are in the record already."""
+
+    def event(self, t_s: float, event: Event) -> None:
+        """Keep one event."""
+        self.events.append(event_line(t_s, event))
+
+
+class RecordedOperator:
+    """Hands over the requests of a step."""
+
+    def __init__(self) -> None:
+        self.waiting: tuple[LiveRequest, ...] = ()
+
+    def requests(self) -> tuple[LiveRequest, ...]:
+        """Those of this step."""
+        return self.waiting
+
+    def show(self, inputs: Inputs, output: Output, state: ControllerState, now_ns: int) -> tuple[Event, ...]:
+        """Nobody looks."""
+        del inputs, output, state, now_ns
+        return ()
+
+
+def play(
+    recorded: RecordedSteps,
+    bench: Bench,
+    config: ControllerConfig,
+    *,
+    clear_trip: bool = False,
+    on_progress: Callable[[int], None] | None = None,
+) -> Replayed:
+    """Drive the controller with the record. on_progress : called every 100 steps with the number of steps done."""
+    port, recorder, operator = ReplayPort(), ReplayRecorder(), RecordedOperator()
+    sender = RecordedCommandSender(bench.contract)
+    loop = make_loop(bench, config, port, recorder, clear_trip=clear_trip, operator=operator, sender=sender)
+    log, payloads, done = recorded.log, [], 0
+    for number, step in enumerate(recorded.steps):
+        for row in recorded.received[done : step.until].tolist():
+            loop.receive(log.message(row), int(log.time_ns[row]))
+        done = step.until
+        sender.recorded = b"" if step.command == NOTHING else log.payload(step.command)
+        operator.waiting = recorded.requests.get(number, ())
+        port.is_up, port.can_send, port.payload = step.link_is_up, step.command != NOTHING, b""
+        if loop.outcome is not None and _is_last_command(recorded.steps, number):
+            loop.make_safe(step.now_ns)
+        else:
+            loop.tick(step.now_ns, Timing(step.lateness_s, step.skipped), step.stop_reason)
+        payloads.append(port.payload)
+        if on_progress is not None and number % 100 == 99:
+            on_progress(number + 1)
+    return Replayed(tuple(payloads), "".join(recorder.events), recorder.columns, loop.outcome)
+
+
+def _is_last_command(steps: tuple[RecordedStep, ...], number: int) -> bool:
+    """Whether it is the 0 V that every live run sends when it is over."""
+    return number == len(steps) - 1 and not steps[number].is_in_control
