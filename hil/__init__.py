@@ -4,7 +4,9 @@ This list is the stable interface; every module behind it may move.
 
     load, simulate, run, campaign, design       the functions: read and check, lockstep, real time, many runs, gains
     Bench                                       what `load` returns: scenario, rig and wire contract, checked
+    open_run, runs                              recorded runs as tables: one of them, and the list of those in a folder
     RunResult, CampaignResult, DesignFigures    what the functions return
+    RecordedRun                                 what `open_run` returns
     Kpi, Finding, LoggedEvent, Row              key figures, an alarm, an event, one run of a campaign
     GainDesign, Gains, LinearModel              the protocol of a design, what it returns, what it is given
     FaultDetector, Measurement, Estimate        the protocol of a fault detector and what it is given
@@ -44,6 +46,8 @@ if TYPE_CHECKING:
     from hil.core.gain_design import GainDesign, Gains
     from hil.core.tanks import LinearModel
     from hil.core.types import Alarm, Diagnosis, Measurement
+    from hil.data.open_run import open_run, runs
+    from hil.data.recorded_run import RecordedRun
     from hil.edge.can.bus import BusError
     from hil.edge.config.settings_file import SettingsError
     from hil.edge.host.realtime import RealTime, RealTimeError
@@ -79,6 +83,7 @@ __all__ = [
     "Measurement",
     "RealTime",
     "RealTimeError",
+    "RecordedRun",
     "Row",
     "RunFolderError",
     "RunResult",
@@ -86,7 +91,9 @@ __all__ = [
     "campaign",
     "design",
     "load",
+    "open_run",
     "run",
+    "runs",
     "simulate",
 ]
 
@@ -105,6 +112,8 @@ _HOME = {
     "hil.core.estimator": ("Estimate",),
     "hil.core.tanks": ("LinearModel",),
     "hil.core.types": ("Alarm", "Diagnosis", "Measurement"),
+    "hil.data.open_run": ("open_run", "runs"),
+    "hil.data.recorded_run": ("RecordedRun",),
     "hil.edge.can.bus": ("BusError",),
     "hil.edge.config.settings_file": ("SettingsError",),
     "hil.edge.host.realtime": ("RealTime", "RealTimeError"),

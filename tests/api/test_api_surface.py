@@ -11,6 +11,7 @@ import pytest
 
 import hil
 import hil.bench.api
+import hil.data.open_run
 
 
 def test_all_is_the_documented_surface() -> None:
@@ -45,7 +46,7 @@ def test_a_name_that_is_not_public_is_refused_by_name() -> None:
         hil.simulation  # noqa: B018 - the access is the test
 
 
-@pytest.mark.parametrize("name", ["load", "simulate", "run", "campaign", "design"])
+@pytest.mark.parametrize("name", ["load", "simulate", "run", "campaign", "design", "open_run", "runs"])
 def test_functions_document_arguments_errors_and_an_example(name: str) -> None:
     doc = getattr(hil, name).__doc__
     for section in ("Parameters", "Returns", "Raises", "Examples"):
@@ -56,8 +57,9 @@ def test_functions_document_arguments_errors_and_an_example(name: str) -> None:
 
 def test_the_examples_of_the_functions_give_what_they_show() -> None:
     """The example of `simulate` used to show a number of steps without those of the final ramp."""
-    failed, attempted = doctest.testmod(hil.bench.api)
-    assert (failed, attempted >= 10) == (0, True)
+    for module, examples in ((hil.bench.api, 10), (hil.data.open_run, 4)):
+        failed, attempted = doctest.testmod(module)
+        assert (failed, attempted >= examples) == (0, True)
 
 
 def test_all_errors_have_one_base_class() -> None:
@@ -68,14 +70,16 @@ def test_all_errors_have_one_base_class() -> None:
 
 def test_import_hil_loads_neither_numpy_nor_can() -> None:
     """`hil --version` and the recorder's process start without them."""
-    code = "import sys, hil; print(sorted(set(sys.modules) & {'numpy', 'can', 'scipy', 'pydantic', 'numba', 'typer'}))"
+    heavy = "{'numpy', 'can', 'scipy', 'pydantic', 'numba', 'typer', 'pandas'}"
+    code = f"import sys, hil; print(sorted(set(sys.modules) & {heavy}))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert json.loads(done.stdout.replace("'", '"')) == []
 
 
 def test_a_run_loads_no_library_that_it_does_not_use() -> None:
     """Each `hil run` and `hil simulate` waited 1.5 s for python-control, scipy.signal, numba and matplotlib."""
-    heavy = "{'control', 'scipy.signal', 'scipy.stats', 'scipy.optimize', 'numba', 'matplotlib', 'rerun', 'pyarrow'}"
+    scipy = "'scipy.signal', 'scipy.stats', 'scipy.optimize'"
+    heavy = f"{{{scipy}, 'control', 'numba', 'matplotlib', 'rerun', 'pyarrow', 'pandas'}}"
     code = f"import sys, hil.bench.live_run, hil.bench.lockstep_run; print(sorted(set(sys.modules) & {heavy}))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"
