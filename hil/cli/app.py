@@ -26,6 +26,7 @@ from hil.cli.commands import (
     replay,
     report,
     run,
+    runs,
     simulate,
     test,
     tune,
@@ -51,6 +52,7 @@ COMMANDS: tuple[ModuleType, ...] = (
     tune,
     view,
     report,
+    runs,
     replay,
     test,
 )

@@ -95,7 +95,7 @@ def _rig(settings: Mapping[str, Any]) -> str:
 
 def _figures(path: Path) -> tuple[Mapping[str, Any], str]:
     try:
-        figures = json.loads(path.read_text(encoding="utf-8"))
+        figures = json.loads(path.read_text(encoding="utf-8"), parse_constant=lambda _name: None)
     except FileNotFoundError:
         return {}, "no kpi.json: `hil report` makes it"
     except (OSError, ValueError) as error:
