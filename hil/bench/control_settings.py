@@ -53,6 +53,7 @@ def control_settings(bench: Bench, config: ControllerConfig, folder: RunFolder, 
         },
         "bypassable": sorted(str(cause) for cause in BYPASSABLE),
         "bypass_max_s": limits.bypass_max_s,
+        "attended_s": limits.attended_s,
     }
     run = RunningRun(pid, str(path), str(place), name, datetime.now(UTC).isoformat(timespec="seconds"))
-    return ServerSettings(place, run, hello)
+    return ServerSettings(place, run, hello, config.loop.period_s)

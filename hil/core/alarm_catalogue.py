@@ -421,7 +421,8 @@ EVENTS: tuple[Explanation, ...] = (
         Priority.MEDIUM,
         60.0,
         "no operator has sent a request for the time that `--attended` asks for",
-        "send any request, such as `hil ctl here`; the run stops after the same time again",
+        "press a key in `hil panel` or send any request, such as `hil ctl here`; the run stops after the same time "
+        "again",
     ),
 )
 """By event code."""

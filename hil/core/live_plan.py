@@ -55,13 +55,15 @@ class LivePlan:
     """What the operator has changed. entries : the references in force and to come, ascending in run time.
 
     held_at_s : run time since when the scenario's clock stands, None while it goes. held_s : for how long it has stood
-    before that. waiting : references of the scenario that come when it goes on, with their times as if it had gone on.
+    before that. waiting : references of the scenario that come when it goes on, with their times as if it had gone on;
+    the first may be the rest of a way that stands. replaced : (2,) outputs whose way the operator has replaced since.
     """
 
     entries: tuple[PlannedReference, ...]
     held_at_s: float | None = None
     held_s: float = 0.0
     waiting: tuple[PlannedReference, ...] = ()
+    replaced: tuple[bool, bool] = (False, False)
 
     @property
     def is_held(self) -> bool:
@@ -115,8 +117,10 @@ def with_reference(plan: LivePlan, t_s: float, target: tuple[float | None, float
     move = ReferenceMove(ordered, values) if len(ordered) > 1 else None
     new = PlannedReference(t_s, values[-1], move)
     past, coming = _split(plan, t_s)
-    waiting = tuple(entry for entry in plan.waiting if entry.at_s > _held_at(plan, t_s) + TIME_TOLERANCE_S)
-    return replace(plan, entries=(*past, new, *coming), waiting=waiting)
+    if not plan.is_held:
+        return replace(plan, entries=(*past, new, *coming))
+    first_is, second_is = (was or to is not None for was, to in zip(plan.replaced, target, strict=True))
+    return replace(plan, entries=(*past, new, *coming), replaced=(first_is, second_is))
 
 
 def hold(plan: LivePlan, t_s: float) -> LivePlan:
@@ -135,8 +139,19 @@ def resume(plan: LivePlan, t_s: float) -> LivePlan:
     """The plan whose clock goes on from run time t_s on."""
     held_s = t_s - _held_at(plan, t_s)
     past, _ = _split(plan, t_s)
-    entries = past + tuple(entry.later(held_s) for entry in plan.waiting)
-    return LivePlan(entries, None, plan.held_s + held_s)
+    coming = [entry.later(held_s) for entry in plan.waiting]
+    if coming and any(plan.replaced) and coming[0].at_s <= t_s + TIME_TOLERANCE_S:
+        coming[0] = _joined(plan.in_force(t_s), coming[0], plan.replaced, t_s)
+    return LivePlan((*past, *coming), None, plan.held_s + held_s)
+
+
+def _joined(now: PlannedReference, rest: PlannedReference, replaced: tuple[bool, bool], t_s: float) -> PlannedReference:
+    """From run time t_s on: replaced outputs as now, the others on the rest of their way."""
+    ways = [now if is_replaced else rest for is_replaced in replaced]
+    bends = {at_s for index, way in enumerate(ways) if way.move is not None for at_s in _bends(way.move, index)}
+    times_s = (t_s, *sorted(at_s for at_s in bends if at_s > t_s + TIME_TOLERANCE_S))
+    values = tuple((ways[0].value(at_s)[0], ways[1].value(at_s)[1]) for at_s in times_s)
+    return PlannedReference(t_s, values[-1], ReferenceMove(times_s, values) if len(times_s) > 1 else None)
 
 
 def _held_at(plan: LivePlan, t_s: float) -> float:

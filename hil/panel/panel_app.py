@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import time
@@ -29,6 +30,8 @@ from hil.panel.status_lines import status_lines
 
 REFRESH_S = 0.5
 ALARM_S = 2
+HERE_S = 10.0
+"""At most so often an attended run is told that keys are pressed; more often if it asks for an operator sooner."""
 BREAKPOINT = 120
 """Columns from which all pages are shown at once."""
 PAGES = {
@@ -84,6 +87,7 @@ class PanelApp(OperatorApp):
         self.connection = RunConnection(find, self)
         self._clock, self._emulator, self._starter = clock, emulator, parent
         self._shown_lines = Text()
+        self._here_at_s = -math.inf
 
     def compose(self) -> ComposeResult:
         """Status, tanks, pages, the last answer, keys."""
@@ -102,6 +106,21 @@ class PanelApp(OperatorApp):
         with Horizontal(id="bottom"):
             yield Static("[@click=app.stop_run] ■ STOP Ctrl+X [/]", id="stop")
             yield Static(id="keys")
+
+    async def on_event(self, event: events.Event) -> None:
+        """Whoever presses a key, clicks or pastes is at the bench; all else is textual's."""
+        if isinstance(event, (events.Key, events.MouseDown, events.Paste)) and not event.is_forwarded:
+            self._say_here()
+        await super().on_event(event)
+
+    def _say_here(self) -> None:
+        """Tell a run that asks for an operator; any other run would only get a longer record."""
+        attended_s, now_s = self.view.run.attended_s, self._clock()
+        if not attended_s > 0.0 or not self.connection.is_open:
+            return
+        if now_s - self._here_at_s >= min(HERE_S, attended_s / 3.0):
+            self._here_at_s = now_s
+            self.run_worker(self.connection.request({"do": "here"}), group="here")
 
     def on_mount(self) -> None:
         """Begin to follow the run."""

@@ -22,6 +22,7 @@ class ShownRun:
 
     duration_s : nan for a run that ends by hand. level_max_cm : level above which the run trips. height_cm : (4,) rims.
     level_gain_V_cm : of the level signals. range_V : of the pumps' commands. bypass_max_s : longest bypass.
+    attended_s : after so long without an operator the run gives an alarm; 0 for never.
     """
 
     folder: str = ""
@@ -34,6 +35,7 @@ class ShownRun:
     range_V: Pair = (0.0, 10.0)
     bypassable: tuple[str, ...] = ()
     bypass_max_s: float = 0.0
+    attended_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +125,7 @@ def read_hello(data: Mapping[str, Any]) -> ShownRun:
         range_V=(low_V, high_V),
         bypassable=tuple(_text(name) for name in _sequence(data.get("bypassable"))),
         bypass_max_s=_number(data.get("bypass_max_s", 0.0)),
+        attended_s=_number(data.get("attended_s", 0.0)),
     )
 
 

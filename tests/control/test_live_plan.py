@@ -76,6 +76,34 @@ def test_a_reference_during_a_hold_ends_the_ramp_that_stands_but_not_what_comes(
     ]
 
 
+def test_an_output_that_a_reference_during_a_hold_keeps_goes_on_with_its_ramp() -> None:
+    """A reference of one output, given while the clock stood, used to end the ramp of the other one, too."""
+    both = ((1, ReferenceMove((50.0, 70.0), ((6.0, 6.0), (7.0, 8.0)))),)
+    held = live_plan.with_reference(live_plan.hold(plan(both), 60.0), 70.0, (5.0, None), 0.0)
+    assert requested(held, 80.0) == (5.0, 7.0), "while the clock stands, it stands"
+    on = live_plan.resume(held, 90.0)
+    assert [requested(on, t_s) for t_s in (90.0, 95.0, 100.0, 129.0, 130.0)] == [
+        pytest.approx((5.0, 7.0)),
+        pytest.approx((5.0, 7.5)),
+        (5.0, 8.0),
+        (5.0, 8.0),
+        (6.0, 7.0),
+    ]
+
+
+def test_a_ramp_given_during_a_hold_goes_on_beside_the_one_that_stood() -> None:
+    both = ((1, ReferenceMove((50.0, 70.0), ((6.0, 6.0), (7.0, 8.0)))),)
+    held = live_plan.with_reference(live_plan.hold(plan(both), 60.0), 70.0, (4.5, None), 40.0)
+    on = live_plan.resume(held, 90.0)
+    assert [requested(on, t_s) for t_s in (90.0, 95.0, 105.0, 110.0, 129.0)] == [
+        pytest.approx((5.5, 7.0)),
+        pytest.approx((5.25, 7.5)),
+        pytest.approx((4.75, 8.0)),
+        (4.5, 8.0),
+        (4.5, 8.0),
+    ]
+
+
 def test_many_changes_do_not_fill_memory() -> None:
     changed = plan()
     for number in range(1000):

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from textual import events
 from textual.pilot import Pilot
 from textual.widgets import Input, Static
 
@@ -50,6 +51,33 @@ async def type_into(pilot: Pilot[None], *texts: str) -> None:
     """Fill the fields of a dialog by keys, with Enter after each."""
     for text in texts:
         await pilot.press("end", "ctrl+u", *(".".join(text.split(",")).replace("-", "")), "enter")
+
+
+def test_keys_and_clicks_tell_an_attended_run_that_somebody_is_there_but_not_each_of_them(tmp_path: Path) -> None:
+    """Only requests counted: an operator who watched and turned pages was absent for the run."""
+
+    async def session() -> None:
+        async with fake_run(tmp_path) as run:
+            now_s = [100.0]
+            app = PanelApp(lambda: run.path, clock=lambda: now_s[0])
+            async with app.run_test(size=(80, 24)) as pilot:
+                await until(pilot, lambda: app.connection.is_open and app.view.run.scenario != "")
+                await pilot.press("2", "1")
+                assert run.requests == [], "nobody has asked for it"
+                run.cut_off()
+                run.hello = HELLO | {"attended_s": 600.0}
+                await until(pilot, lambda: app.view.run.attended_s == 600.0 and app.connection.is_open)
+                await pilot.press("2", "3", "1")
+                await until(pilot, lambda: run.requests == [{"do": "here"}])
+                now_s[0] += 9.9
+                await pilot.press("3")
+                await pilot.pause(0.02)
+                assert len(run.requests) == 1
+                now_s[0] += 0.2
+                app.post_message(events.MouseDown(None, 1, 5, 0, 0, 1, False, False, False))
+                await until(pilot, lambda: run.requests == [{"do": "here"}] * 2)
+
+    asyncio.run(session())
 
 
 def test_a_session_by_keyboard_alone(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ import contextlib
 import json
 import os
 import pickle
+import select
 import selectors
 import signal
 import socket
@@ -35,6 +36,8 @@ from hil.edge.control.messages import (
     to_line,
 )
 from hil.edge.control.socket_path import ServerSettings, announce, listen
+from hil.edge.control.step_rhythm import StepRhythm
+from hil.edge.host.background import step_back
 
 MAX_CLIENTS = 32
 MAX_WAITING = 20
@@ -54,10 +57,13 @@ Update = tuple[tuple[Answer, ...], tuple[dict[str, object], ...], dict[str, obje
 
 
 class ControlServer:
-    """line : to the control thread. listener : where clients connect."""
+    """line : to the control thread. listener : where clients connect. period_s : of the control steps; 0: unknown."""
 
-    def __init__(self, line: socket.socket, listener: socket.socket, hello: dict[str, object]) -> None:
+    def __init__(
+        self, line: socket.socket, listener: socket.socket, hello: dict[str, object], period_s: float = 0.0
+    ) -> None:
         self._line, self._listener = line, listener
+        self._rhythm = StepRhythm(period_s)
         self._hello = to_line({"v": VERSION, "hello": hello})
         self._clients: dict[int, ClientConnection] = {}
         self._waiting: dict[int, tuple[ClientConnection, object]] = {}
@@ -74,9 +80,12 @@ class ControlServer:
     def work(self) -> None:
         """Until the control thread is gone."""
         while not self._is_over:
+            self._pause()
             for key, mask in self._selector.select(self._timeout_s()):
                 if key.fileobj is self._line:
                     self._read_updates()
+                elif self._rhythm.pause_s(time.monotonic()) > 0.0:
+                    continue  # the selector says it again after the step
                 elif key.fileobj is self._listener:
                     self._accept()
                 else:
@@ -86,12 +95,19 @@ class ControlServer:
             client.flush()
             self._drop(client)
 
+    def _pause(self) -> None:
+        """Shortly before a control step, wait for it."""
+        while not self._is_over and (pause_s := self._rhythm.pause_s(time.monotonic())) > 0.0:
+            if select.select([self._line], [], [], pause_s)[0]:
+                self._read_updates()
+
     def _timeout_s(self) -> float:
         now_s = time.monotonic()
         resting = [c.reads_at_s for c in self._clients.values() if c.reads_at_s > now_s]
         if self._accepts_at_s > now_s:
             resting.append(self._accepts_at_s)
-        return min([ROUND_S, *(at_s - now_s for at_s in resting)])
+        free_s = self._rhythm.free_s(now_s)
+        return min([ROUND_S, *(at_s - now_s for at_s in resting), *([] if free_s is None else [free_s])])
 
     def _accept(self) -> None:
         try:
@@ -184,6 +200,7 @@ class ControlServer:
                     client.put(line)
         if state is None:
             return
+        self._rhythm.stepped(time.monotonic())
         self._state, run_s = state, state.get("t_s")
         self._t_s = run_s if isinstance(run_s, float) else None
         now_s = time.monotonic()
@@ -260,11 +277,10 @@ def main(descriptor: int) -> int:
         try:
             with contextlib.suppress(Exception):  # then it is found by its folder alone
                 announced = announce(settings.run)
-            with contextlib.suppress(OSError):
-                os.nice(5)
+            step_back()
             line.send(pickle.dumps(None))
             line.setblocking(False)
-            ControlServer(line, listener, settings.hello).work()
+            ControlServer(line, listener, settings.hello, settings.period_s).work()
         finally:
             for path in (settings.socket, announced):
                 if path is not None:

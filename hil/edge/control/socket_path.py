@@ -38,11 +38,12 @@ class RunningRun:
 
 @dataclass(frozen=True, slots=True)
 class ServerSettings:
-    """What the process needs to know. hello : the greeting, without version."""
+    """What the process needs to know. hello : the greeting, without version. period_s : of the control steps."""
 
     socket: Path
     run: RunningRun
     hello: dict[str, object]
+    period_s: float = 0.0
 
 
 def runtime_dir() -> Path:
