@@ -1,8 +1,8 @@
-"""Command firmware-sim: serve the emulated rig on a CAN bus, a TCP port or a pseudo-terminal.
+"""Command firmware-sim: serve the emulated rig on a CAN bus, a TCP port or a pseudo-terminal, or export its plant.
 
-Exit codes: 0 after SIGTERM, SIGINT or SIGHUP; 1 if the service failed; 2 for bad input. Errors are one line on
-stderr. One line on stdout says that the rig is ready and where, with --control a second one where it accepts commands;
-then come the answers to commands on standard input.
+Exit codes: 0 after SIGTERM, SIGINT or SIGHUP, and after an export; 1 if the service or the export failed; 2 for bad
+input. Errors are one line on stderr. One line on stdout says that the rig is ready and where, with --control a second
+one where it accepts commands; then come the answers to commands on standard input.
 """
 
 import errno
@@ -25,6 +25,8 @@ Example: firmware-sim --slcan 29536 --scenario paper
 
 Emulate the four-tank rig in real time: pump node, level node and tanks. Give one of --slcan, --pty and -i. While it
 runs, it reads commands such as "failure pump off -i 1" on standard input; "failure help" lists them.
+
+With --fmu it writes the plant for other simulators instead, and ends: firmware-sim --fmu rig.fmu --rig johansson_minus
 """
 
 app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
@@ -62,10 +64,16 @@ def serve(
         str | None,
         typer.Option(help="Be this rig: a rig file, or the name of a shipped one. Default: the rig of emulator.toml."),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the sensor noise.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the sensor noise and of drawn parameters.")] = 0,
     record: Annotated[Path | None, typer.Option(help="New file for state and voltage changes (JSON lines).")] = None,
     control: Annotated[
         str | None, typer.Option(metavar="PATH|PORT", help="Accept failure commands here too: Unix socket or TCP port.")
+    ] = None,
+    fmu: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.fmu", help="Write the plant, with faults as inputs, as an FMI 2.0 co-simulation unit."
+        ),
     ] = None,
     config: Annotated[Path | None, typer.Option(help="Directory with bench.dbc and emulator.toml.")] = None,
     faults: Annotated[
@@ -82,10 +90,18 @@ def serve(
     from firmware_sim.rig_file import find_rig
     from firmware_sim.settings import default_config_dir, load, load_fingerprint
 
-    _check_transport(slcan, pty, interface, channel, bitrate)
+    if fmu is None:
+        _check_transport(slcan, pty, interface, channel, bitrate)
+    elif slcan is not None or pty or interface or channel or bitrate or record or control:
+        raise UsageError("--fmu serves nothing: leave out --slcan, --pty, -i, -c, -b, --record and --control")
     folder = config if config is not None else default_config_dir()
     rig_file = None if rig is None else find_rig(rig, folder, default_config_dir())
     settings, scheduled = load(folder / "emulator.toml", _scenario_file(folder, scenario), rig_file)
+    if fmu is not None:
+        from firmware_sim.fmu.export import export
+
+        sys.stdout.write(export(fmu, settings, scheduled, seed))
+        return
     fingerprint = load_fingerprint(folder / "bench.dbc")
     try:
         observer = None if record is None else ChangeRecord(record)
@@ -108,7 +124,7 @@ def _check_transport(
     slcan: int | None, pty: bool, interface: str | None, channel: str | None, bitrate: int | None
 ) -> None:
     if (slcan is not None) + pty + (interface is not None) != 1:
-        raise UsageError("give exactly one of --slcan, --pty and -i")
+        raise UsageError("give exactly one of --slcan, --pty and -i, or --fmu")
     if interface is None and (channel is not None or bitrate is not None):
         raise UsageError("-c and -b belong to -i")
     if interface is not None and channel is None:

@@ -4,6 +4,7 @@ from collections import deque
 
 import numpy as np
 
+from firmware_sim.equations import left_by_wear
 from firmware_sim.faults.effects import NS_PER_S, Effects
 from firmware_sim.parameter_spread import SPLIT_RANGE
 from firmware_sim.setting_types import parts
@@ -45,7 +46,7 @@ class PumpPaths:
     def effectiveness_after(self, run_h: float, effects: Effects) -> list[float]:
         """Share of the flow that each pump gives after run_h hours of wear, with these faults."""
         is_wet = not effects.is_dry
-        wear = [max(0.0, 1.0 - rate * run_h) for rate in self._wear_per_h]
+        wear = [left_by_wear(rate, run_h) for rate in self._wear_per_h]
         return [is_wet * part * left for part, left in zip(wear, effects.effectiveness, strict=True)]
 
     def give(self, voltage_V: Pair, effectiveness: list[float], now_ns: int) -> bool:

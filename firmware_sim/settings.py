@@ -8,6 +8,7 @@ from typing import Annotated, Any, cast
 
 from pydantic import ValidationError
 
+from firmware_sim.equations import flow_voltage
 from firmware_sim.faults.base import Fault
 from firmware_sim.faults.catalogue import KINDS
 from firmware_sim.frames import contract_fingerprint
@@ -76,8 +77,7 @@ class PumpSettings(Table):
     def flow_voltages(self, applied_V: tuple[float, float]) -> tuple[float, float]:
         """Flow of each pump in the steady state, divided by its gain, in V: the voltage itself for a straight pump."""
         (v1, v2), (d1, d2), (c1, c2) = applied_V, parts(self.dead_zone_V, 2), parts(self.curve_1_V, 2)
-        x1, x2 = max(0.0, v1 - d1), max(0.0, v2 - d2)
-        return x1 * (1.0 + c1 * x1), x2 * (1.0 + c2 * x2)
+        return flow_voltage(v1, d1, c1), flow_voltage(v2, d2, c2)
 
 
 class SensorSettings(Table):

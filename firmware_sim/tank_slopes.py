@@ -1,14 +1,15 @@
-"""Eq. (1) of Hajiani and Poshtan (2012) as a function of levels and flow voltages; see `firmware_sim.tanks`."""
+"""Eq. (1) of Hajiani and Poshtan (2012) as a function of levels and flow voltages; see `firmware_sim.tanks`.
+
+`firmware_sim.equations` has them in full; what is here is the same for simpler rigs, and quicker.
+"""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
+from firmware_sim.equations import Slopes, coefficients, slopes_with
 from firmware_sim.faults.effects import Effects
 from firmware_sim.setting_types import parts
 from firmware_sim.settings import EmulatorSettings
-
-Slopes = Callable[[float, float, float, float, float, float], tuple[float, float, float, float, float, float]]
 
 
 def slopes_of(settings: EmulatorSettings, effects: Effects) -> Slopes:
@@ -66,37 +67,15 @@ def _leaking_slopes_of(settings: EmulatorSettings, effects: Effects) -> Slopes:
 
 
 def _deep_slopes_of(settings: EmulatorSettings, effects: Effects) -> Slopes:
-    """As `slopes_of`, for outlets and leaks at a datum below the zero of their tanks.
-
-    At level h the water leaves a tank with the head h + datum; an empty tank lets out no more than flows in, through
-    outlet and leak in proportion to their areas.
-    """
-    A1, A2, A3, A4 = settings.tanks.area_cm2
-    d1, d2, d3, d4 = parts(settings.tanks.datum_cm, 4)
-    speed = math.sqrt(2.0 * settings.tanks.gravity_cm_s2)
-    open_cm2 = _outlets_cm2(settings, effects)
-    holes_cm2 = [share * a for share, a in zip(effects.leak, settings.tanks.outlet_cm2, strict=True)]
-    both_cm2 = [a + hole for a, hole in zip(open_cm2, holes_cm2, strict=True)]
-    c1, c2, c3, c4 = (both * speed / A for both, A in zip(both_cm2, settings.tanks.area_cm2, strict=True))
-    kept3, kept4 = (open_cm2[at] / both_cm2[at] if both_cm2[at] > 0.0 else 0.0 for at in (2, 3))
-    r31, r42 = A3 / A1, A4 / A2
-    (k1, k2), (gamma1, gamma2) = settings.pumps.gain_cm3_Vs, _splits(settings, effects)
-    b1, b2, b3, b4 = gamma1 * k1 / A1, gamma2 * k2 / A2, (1.0 - gamma2) * k2 / A3, (1.0 - gamma1) * k1 / A4
-    sqrt = math.sqrt
-
-    def slopes(
-        h1: float, h2: float, h3: float, h4: float, f1: float, f2: float
-    ) -> tuple[float, float, float, float, float, float]:
-        i3, i4 = b3 * f2, b4 * f1
-        q3 = c3 * sqrt(h3 + d3) if h3 > 0.0 else min(c3 * sqrt(d3), i3)
-        q4 = c4 * sqrt(h4 + d4) if h4 > 0.0 else min(c4 * sqrt(d4), i4)
-        i1, i2 = r31 * kept3 * q3 + b1 * f1, r42 * kept4 * q4 + b2 * f2
-        q1 = c1 * sqrt(h1 + d1) if h1 > 0.0 else min(c1 * sqrt(d1), i1)
-        q2 = c2 * sqrt(h2 + d2) if h2 > 0.0 else min(c2 * sqrt(d2), i2)
-        out1, out2 = q1 + r31 * (1.0 - kept3) * q3, q2 + r42 * (1.0 - kept4) * q4
-        return i1 - q1, i2 - q2, i3 - q3, i4 - q4, out1, out2
-
-    return slopes
+    """As `slopes_of`, for outlets and leaks at a datum below the zero of their tanks: the equations in full."""
+    tanks, pumps = settings.tanks, settings.pumps
+    s1, s2, s3, s4 = effects.blocked
+    l1, l2, l3, l4 = effects.leak
+    shares = (s1, s2, s3, s4, l1, l2, l3, l4)
+    pump_side = (tanks.gravity_cm_s2, *pumps.gain_cm3_Vs, *_splits(settings, effects))
+    return slopes_with(
+        *coefficients(*tanks.area_cm2, *tanks.outlet_cm2, *shares, *pump_side), *parts(tanks.datum_cm, 4)
+    )
 
 
 def _outlets_cm2(settings: EmulatorSettings, effects: Effects) -> tuple[float, ...]:

@@ -24,20 +24,13 @@ water that turbulence added or removed, spilled all that went over a rim, caught
 import math
 from copy import copy
 
+from firmware_sim.equations import bounded, followed, pumped, runge_kutta
 from firmware_sim.faults.effects import Effects
 from firmware_sim.setting_types import parts
 from firmware_sim.settings import EmulatorSettings, equilibrium_cm
 from firmware_sim.tank_slopes import slopes_of
 
 MAX_STEP_S = 0.02
-
-
-def _followed(dt_s: float, lag_s: float, flow_V: float, applied_V: float) -> tuple[float, float, float]:
-    """Flow voltage of one pump at the start, middle and end of a step."""
-    if lag_s <= 0.0:
-        return applied_V, applied_V, applied_V
-    half = math.exp(-0.5 * dt_s / lag_s)
-    return flow_V, applied_V + (flow_V - applied_V) * half, applied_V + (flow_V - applied_V) * half * half
 
 
 class Tanks:
@@ -103,34 +96,27 @@ class Tanks:
     def _step(self, dt_s: float, applied_V: tuple[float, float], effectiveness: list[float]) -> None:
         h1, h2, h3, h4 = self.levels_cm
         e1, e2 = effectiveness
-        start, middle, end = self._flow_through(dt_s, applied_V)
-        fm1, fm2 = e1 * middle[0], e2 * middle[1]
-        slopes, half_s = self._slopes, 0.5 * dt_s
-        a1, a2, a3, a4, p1, p2 = slopes(h1, h2, h3, h4, e1 * start[0], e2 * start[1])
-        b1, b2, b3, b4, q1, q2 = slopes(
-            h1 + half_s * a1, h2 + half_s * a2, h3 + half_s * a3, h4 + half_s * a4, fm1, fm2
+        start, middle, self.flow_V = self._flow_through(dt_s, applied_V)
+        flows_V = (
+            e1 * start[0],
+            e2 * start[1],
+            e1 * middle[0],
+            e2 * middle[1],
+            e1 * self.flow_V[0],
+            e2 * self.flow_V[1],
         )
-        c1, c2, c3, c4, r1, r2 = slopes(
-            h1 + half_s * b1, h2 + half_s * b2, h3 + half_s * b3, h4 + half_s * b4, fm1, fm2
-        )
-        d1, d2, d3, d4, s1, s2 = slopes(
-            h1 + dt_s * c1, h2 + dt_s * c2, h3 + dt_s * c3, h4 + dt_s * c4, e1 * end[0], e2 * end[1]
-        )
-        sixth_s = dt_s / 6.0
-        h1 += sixth_s * (a1 + 2.0 * (b1 + c1) + d1)
-        h2 += sixth_s * (a2 + 2.0 * (b2 + c2) + d2)
-        h3 += sixth_s * (a3 + 2.0 * (b3 + c3) + d3)
-        h4 += sixth_s * (a4 + 2.0 * (b4 + c4) + d4)
-        out1, out2 = p1 + 2.0 * (q1 + r1) + s1, p2 + 2.0 * (q2 + r2) + s2
-        self.drained_cm3 += sixth_s * (self._area_cm2[0] * out1 + self._area_cm2[1] * out2)
-        k1, k2 = self._gain
-        self.pumped_cm3 += sixth_s * (
-            k1 * e1 * (start[0] + 4.0 * middle[0] + end[0]) + k2 * e2 * (start[1] + 4.0 * middle[1] + end[1])
-        )
-        self.flow_V = end
+        h1, h2, h3, h4, out1, out2 = runge_kutta(self._slopes, dt_s, h1, h2, h3, h4, *flows_V)
+        self.drained_cm3 += self._area_cm2[0] * out1 + self._area_cm2[1] * out2
+        self.pumped_cm3 += pumped(dt_s, *self._gain, *flows_V)
         t1, t2, t3, t4 = self._heights_cm
-        is_inside = 0.0 <= h1 <= t1 and 0.0 <= h2 <= t2 and 0.0 <= h3 <= t3 and 0.0 <= h4 <= t4
-        self.levels_cm = (h1, h2, h3, h4) if is_inside else self._bounded(h1, h2, h3, h4)
+        if not (0.0 <= h1 <= t1 and 0.0 <= h2 <= t2 and 0.0 <= h3 <= t3 and 0.0 <= h4 <= t4):
+            h1, h2, h3, h4, drained_cm3, spilled_cm3, caught_cm3 = bounded(
+                h1, h2, h3, h4, *self._area_cm2, *self._heights_cm, *self._caught
+            )
+            self.drained_cm3 += drained_cm3
+            self.spilled_cm3 += spilled_cm3
+            self.caught_cm3 += caught_cm3
+        self.levels_cm = (h1, h2, h3, h4)
 
     def _flow_through(
         self, dt_s: float, applied_V: tuple[float, float]
@@ -139,7 +125,7 @@ class Tanks:
         v1, v2 = applied_V
         lag1_s, lag2_s = self._lags_s
         if lag1_s != lag2_s:
-            first, second = _followed(dt_s, lag1_s, self.flow_V[0], v1), _followed(dt_s, lag2_s, self.flow_V[1], v2)
+            first, second = followed(dt_s, lag1_s, self.flow_V[0], v1), followed(dt_s, lag2_s, self.flow_V[1], v2)
             return (first[0], second[0]), (first[1], second[1]), (first[2], second[2])
         if lag1_s <= 0.0:
             return applied_V, applied_V, applied_V
@@ -148,23 +134,3 @@ class Tanks:
         full = half * half
         middle = (v1 + (w1 - v1) * half, v2 + (w2 - v2) * half)
         return self.flow_V, middle, (v1 + (w1 - v1) * full, v2 + (w2 - v2) * full)
-
-    def _bounded(self, h1: float, h2: float, h3: float, h4: float) -> tuple[float, float, float, float]:
-        """Keep levels in 0 .. height: water above spills; outflow that an empty tank did not have is taken back."""
-        A1, A2, A3, A4 = areas_cm2 = self._area_cm2
-        if h3 < 0.0:
-            h1, h3 = h1 + h3 * A3 / A1, 0.0
-        if h4 < 0.0:
-            h2, h4 = h2 + h4 * A4 / A2, 0.0
-        if h1 < 0.0:
-            self.drained_cm3, h1 = self.drained_cm3 + h1 * A1, 0.0
-        if h2 < 0.0:
-            self.drained_cm3, h2 = self.drained_cm3 + h2 * A2, 0.0
-        t1, t2, t3, t4 = tops_cm = self._heights_cm
-        caught3_cm3, caught4_cm3 = self._caught[0] * max(h3 - t3, 0.0) * A3, self._caught[1] * max(h4 - t4, 0.0) * A4
-        self.caught_cm3 += caught3_cm3 + caught4_cm3
-        h1, h2 = h1 + caught3_cm3 / A1, h2 + caught4_cm3 / A2
-        for level_cm, area_cm2, top_cm in zip((h1, h2, h3, h4), areas_cm2, tops_cm, strict=True):
-            if level_cm > top_cm:
-                self.spilled_cm3 += (level_cm - top_cm) * area_cm2
-        return min(h1, t1), min(h2, t2), min(h3, t3), min(h4, t4)
