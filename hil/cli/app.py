@@ -21,6 +21,7 @@ from hil.cli.commands import (
     demo,
     design,
     doctor,
+    export,
     identify,
     panel,
     replay,
@@ -54,6 +55,7 @@ COMMANDS: tuple[ModuleType, ...] = (
     report,
     runs,
     replay,
+    export,
     test,
 )
 """In the order of the help. Each has a function of its own name, and EXAMPLE."""

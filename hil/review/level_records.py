@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from hil.core.identification.records import Array, LevelRecord, RulerReading
+from hil.edge.record.log_file import read_log_text
 from hil.edge.record.run_folder import RunFolder, RunFolderError
 from hil.review.ticks import read_ticks
 from hil.wire.contract import Contract, FrameSpec, crc8
@@ -232,10 +233,7 @@ def _contract(folder: RunFolder) -> Contract:
 
 def _read_log(path: Path) -> dict[int, tuple[list[float], list[str]]]:
     """Times and payloads of the data frames in a log, by identifier; a half line at the end is left out."""
-    try:
-        text = path.read_text(encoding="ascii", errors="replace")
-    except OSError as error:
-        raise RunFolderError(f"cannot read {path}: {error.strerror}") from error
+    text = read_log_text(path)
     found: dict[int, tuple[list[float], list[str]]] = {}
     for line in text.split("\n")[:-1]:
         stamp, _, frame = line.split(" ", 2)

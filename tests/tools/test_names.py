@@ -14,6 +14,7 @@ SAME_MEANING = {
     "conformance": "as doctor",
     "panel": "as doctor",
     "replay": "as doctor",
+    "export": "as doctor",
     "identify": "the command, and the verdict on records that it asks for",
 }
 """Modules with one name, and why that is no second meaning. The emulator has names of its own."""
