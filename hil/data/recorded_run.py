@@ -99,7 +99,7 @@ class RecordedRun:
 
         if "ticks" in self.__dict__ and set(columns) <= set(self.ticks.columns):
             return self.ticks[list(columns)]
-        found = read_ticks(self._folder.ticks_path).columns
+        found = read_ticks(self._folder.ticks_path, columns).columns
         missing = [name for name in columns if name not in found]
         if missing:
             raise RunFolderError(f"{self._folder.ticks_path} has no column {', '.join(missing)}")
@@ -150,10 +150,10 @@ class RecordedRun:
         """The key figures as nested dicts, as in `kpi.json`; computed from the record where that file is missing."""
         path = self._folder.kpi_path
         if not path.is_file():
-            from hil.review.kpi import evaluate
+            from hil.review.kpi import COLUMNS, evaluate
             from hil.review.ticks import read
 
-            ticks, events = read(self._folder)
+            ticks, events = read(self._folder, COLUMNS)
             return dict(json.loads(json.dumps(asdict(evaluate(self.manifest, ticks, events)))))
         try:
             found = json.loads(path.read_text(encoding="utf-8"))

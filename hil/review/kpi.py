@@ -24,6 +24,13 @@ from hil.review.step_response import response_figures
 from hil.review.ticks import Floats, LoggedEvent, Ticks, read
 
 LEVELS = ("1", "2", "3", "4")
+COLUMNS = (
+    *("t_s", "mode", "r1_V", "r2_V", "h1_est_V", "h2_est_V", "v1_applied_V", "v2_applied_V"),
+    *(f"h{tank}_V" for tank in LEVELS), *(f"true_h{tank}_cm" for tank in LEVELS),
+    *("skipped", "rejected", "lateness_s", "latency_s", "recorder_queue"),
+)  # fmt: skip
+"""What the figures are computed from: all that is kept in memory of a tick table."""
+
 CONTROLLING = [mode.value for mode in Mode if mode.is_controlling]
 Finite = float | None  # None: not known
 Known = bool | None
@@ -104,7 +111,7 @@ def compute(folder: RunFolder, speed_x: float | None = None) -> Kpi:
 
     Raises RunFolderError when the record cannot be read.
     """
-    ticks, events = read(folder)
+    ticks, events = read(folder, COLUMNS)
     manifest = folder.manifest()
     kpi = with_parameters(evaluate(manifest, ticks, events, speed_x), manifest, ticks, events)
     write_atomically(folder.kpi_path, json.dumps(asdict(kpi), indent=2, ensure_ascii=False, allow_nan=False) + "\n")

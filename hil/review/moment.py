@@ -15,7 +15,7 @@ class UnknownMomentError(RunFolderError):
 
 def moment_s(folder: RunFolder, text: str) -> float:
     """The run time that `text` names, s. Raises UnknownMomentError, and RunFolderError for a record without steps."""
-    ticks, events = read(folder)
+    ticks, events = read(folder, ("t_s",))
     if not len(ticks):
         raise RunFolderError(f"{folder.path} has no control step, so there is no moment to open it at")
     try:

@@ -93,7 +93,7 @@ def actuator_gains(trace: Trace) -> str:
     figure, (axes,) = panels(1)
     times_s = trace.ticks["t_s"]
     for pump, faults in sorted(trace.injected.items()):
-        shares = np.array([_share_left(faults, t_s) for t_s in times_s.tolist()])
+        shares = _shares_left(faults, times_s)
         axes.step(
             *thin(times_s, shares),
             where="post",
@@ -113,10 +113,17 @@ def actuator_gains(trace: Trace) -> str:
     return svg(figure, "Actuator gains")
 
 
-def _share_left(faults: Sequence[Injected], t_s: float) -> float:
-    """Effectiveness that a pump's faults leave at t_s; of those that are there, the last one counts."""
-    there = [fault for fault in faults if fault.course.is_present(t_s)]
-    return there[-1].course.size(t_s, 1.0, there[-1].value) if there else 1.0
+def _shares_left(faults: Sequence[Injected], times_s: Floats) -> Floats:
+    """Effectiveness that a pump's faults leave at each time, (n,); of those that are there, the last one counts."""
+    shares = np.ones(len(times_s))
+    for fault in faults:
+        run_s = times_s - fault.at_s
+        is_there = (run_s >= 0.0) & (times_s < fault.until_s)
+        if fault.period_s is not None:
+            is_there &= run_s % fault.period_s < fault.duty * fault.period_s
+        grown = 1.0 if fault.ramp_s == 0.0 else np.minimum(run_s / fault.ramp_s, 1.0)
+        shares = np.where(is_there, 1.0 + (fault.value - 1.0) * grown, shares)
+    return shares
 
 
 def output(number: int, traces: Sequence[Trace]) -> str:

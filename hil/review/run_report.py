@@ -19,10 +19,21 @@ from hil.review.alarm_attention import attention
 from hil.review.alarm_table import alarm_table
 from hil.review.alarms import Injected, injected
 from hil.review.drift_section import drift_section, with_recorded
-from hil.review.kpi import Kpi, evaluate, level_gain, output_levels
+from hil.review.kpi import COLUMNS as KPI_COLUMNS
+from hil.review.kpi import LEVELS, Kpi, evaluate, level_gain, output_levels
 from hil.review.ticks import LoggedEvent, Ticks, read
 
 MAX_EVENTS = 400
+COLUMNS = (
+    *KPI_COLUMNS,
+    *(
+        f"{name}{pump}{unit}"
+        for name, unit in (("target", "_V"), ("v", "_V"), ("theta", ""), ("iae", "_Vs"))
+        for pump in "12"
+    ),
+    *("h3_est_V", "h4_est_V"),
+    *(f"noise{tank}_cm_sqrt_s" for tank in LEVELS),
+)
 BROKEN = {
     "overflow": "A tank overflowed: a level reached the rim.",
     "dry_run": "A pump ran without water.",
@@ -85,7 +96,7 @@ def render(run: Run, other: Run | None = None) -> str:
 
 def _load(folder: RunFolder) -> Run:
     manifest = folder.manifest()
-    ticks, events = read(folder)
+    ticks, events = read(folder, COLUMNS)
     figures = with_recorded(evaluate(manifest, ticks, events), folder)
     return Run(manifest, ticks, events, figures, folder.path.name)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,13 @@ import numpy.typing as npt
 from hil.edge.record.run_folder import RunFolder, RunFolderError
 
 Floats = npt.NDArray[np.float64]
+
+TIME = "t_s"
+LARGE_BYTES = 1 << 24
+"""A larger table, of about an hour at 10 Hz, is read in pieces by Arrow, whose import would cost a short run more."""
+
+PIECE_BYTES, BLOCK_BYTES = 1 << 23, 1 << 20
+"""Of a table so much is read at once, and handed to Arrow's threads in blocks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,22 +66,101 @@ class LoggedEvent:
     data: Mapping[str, Any]
 
 
-def read_ticks(path: Path) -> Ticks:
-    """Read a tick table; raises RunFolderError when it is missing or is not one."""
+def read_ticks(path: Path, columns: Collection[str] | None = None) -> Ticks:
+    """Read a tick table; raises RunFolderError when it is missing or is not one.
+
+    columns : the only ones that are kept, with t_s, where the record has them; None: all. A large table is read in
+    pieces, so that the memory is that of the columns kept.
+    """
     try:
+        if path.stat().st_size > LARGE_BYTES:
+            return _read_in_pieces(path, columns)
         raw = path.read_bytes()
     except OSError as error:
         raise RunFolderError(f"cannot read {path}: {error.strerror}") from error
     whole = raw[: raw.rfind(b"\n") + 1]  # what follows the last line end was cut off by a kill
-    return parse_ticks(whole.decode("utf-8"), str(path))
+    ticks = parse_ticks(whole.decode("utf-8"), str(path))
+    if columns is None:
+        return ticks
+    return Ticks({name: values for name, values in ticks.columns.items() if name in {TIME, *columns}})
+
+
+def _read_in_pieces(path: Path, columns: Collection[str] | None) -> Ticks:
+    """The same as `parse_ticks` of all of the file. Raises OSError, RunFolderError."""
+    with path.open("rb") as file:
+        header = file.readline()
+        names = _names(header.decode("utf-8").rstrip("\n"), str(path))
+        table = _Growing([name for name in names if columns is None or name in {TIME, *columns}])
+        left, rest = path.stat().st_size - len(header), b""
+        while block := file.read(PIECE_BYTES):
+            left -= len(block)
+            whole, line_end, half = block.rpartition(b"\n")
+            if line_end:
+                piece = _parse_piece(rest + whole + line_end, names, table.names, path)
+                table.add(piece, left / (len(rest) + len(whole) + 1))
+                rest = b""
+            rest += half
+    return table.ticks()
+
+
+class _Growing:
+    """Columns that get longer, each in one array from the first piece on, so that no piece is kept beside it."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self.names = names
+        self._columns = {name: np.empty(0) for name in names}
+        self._rows = 0
+
+    def add(self, piece: Mapping[str, Floats], pieces_left: float) -> None:
+        """Append a piece. pieces_left : about how many of its size follow."""
+        count = len(piece[TIME])
+        end = self._rows + count
+        for name, values in piece.items():
+            if len(self._columns[name]) < end:
+                longer = np.empty(end + int(1.05 * count * pieces_left))  # what is not written takes no memory
+                longer[: self._rows] = self._columns[name][: self._rows]
+                self._columns[name] = longer
+            self._columns[name][self._rows : end] = values
+        self._rows = end
+
+    def ticks(self) -> Ticks:
+        """What was added, read-only."""
+        found = {name: values[: self._rows] for name, values in self._columns.items()}
+        for values in found.values():
+            values.setflags(write=False)
+        return Ticks(found)
+
+
+def _parse_piece(lines: bytes, names: Sequence[str], kept: Sequence[str], path: Path) -> dict[str, Floats]:
+    """Whole lines as columns, by Arrow's reader: it gives the same numbers as numpy's in a tenth of the time."""
+    import pyarrow as pa
+    from pyarrow import csv
+
+    try:
+        table = csv.read_csv(
+            pa.BufferReader(lines),
+            read_options=csv.ReadOptions(column_names=list(names), block_size=BLOCK_BYTES),
+            convert_options=csv.ConvertOptions(
+                include_columns=list(kept),
+                column_types=dict.fromkeys(kept, pa.float64()),
+                null_values=[""],
+            ),
+        )
+    except pa.ArrowInvalid as error:
+        raise RunFolderError(f"{path} is damaged: {error}") from error
+    return {name: np.concatenate([_floats(chunk) for chunk in table[name].chunks]) for name in kept}
+
+
+def _floats(chunk: Any) -> Floats:
+    """An Arrow array of float64 as one of numpy, null as NaN. Arrow's own way, `to_numpy`, would import pandas."""
+    known = chunk.fill_null(np.nan) if chunk.null_count else chunk
+    return np.frombuffer(known.buffers()[1], dtype=np.float64, count=len(known), offset=8 * known.offset)
 
 
 def parse_ticks(text: str, where: str) -> Ticks:
     """The text of a tick table, whole lines only; raises RunFolderError, `where` first, when it is not one."""
     header, _, body = text.partition("\n")
-    names = header.split(",")
-    if "t_s" not in names:
-        raise RunFolderError(f"{where} is not a tick table: it has no column t_s")
+    names = _names(header, where)
     try:
         values = _numbers(body) if body else np.empty((0, len(names)))
     except ValueError as error:
@@ -83,6 +169,13 @@ def parse_ticks(text: str, where: str) -> Ticks:
         raise RunFolderError(f"{where} is damaged: {len(names)} columns named, {values.shape[1]} there")
     values.setflags(write=False)
     return Ticks(dict(zip(names, values.T, strict=True)))
+
+
+def _names(header: str, where: str) -> list[str]:
+    names = header.split(",")
+    if TIME not in names:
+        raise RunFolderError(f"{where} is not a tick table: it has no column {TIME}")
+    return names
 
 
 def _numbers(body: str) -> Floats:
@@ -109,6 +202,6 @@ def parse_events(text: str, where: str) -> tuple[LoggedEvent, ...]:
     return tuple(events)
 
 
-def read(folder: RunFolder) -> tuple[Ticks, tuple[LoggedEvent, ...]]:
-    """A run's ticks and events."""
-    return read_ticks(folder.ticks_path), read_events(folder.events_path)
+def read(folder: RunFolder, columns: Collection[str] | None = None) -> tuple[Ticks, tuple[LoggedEvent, ...]]:
+    """A run's ticks and events. columns : of the ticks; None: all."""
+    return read_ticks(folder.ticks_path, columns), read_events(folder.events_path)
