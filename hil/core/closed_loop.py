@@ -384,7 +384,8 @@ def _events(references: RunReferences, old: LoopState, new: LoopState) -> tuple[
     if new.start is not None and new.stepped_ns == new.started_ns - new.start.length_ns:
         events.append(start_phase.begins(new.start, new.inputs.requested_V))
     events += _reference_events(references, old, new)
-    events += new.request.events
+    is_told = new.followed.effectiveness == old.followed.effectiveness or new.followed.told_s > old.followed.told_s
+    events += [event for event in new.request.events if is_told or event.code != "reconfigured"]
     if new.request.reason not in ("", old.request.reason) and all(e.code != "target" for e in new.request.events):
         (r1, r2), reason = new.request.target_V, new.request.reason
         text = f"not at the reference ({reason}): aiming at {r1:.4f}, {r2:.4f} V"

@@ -21,6 +21,9 @@ REFINED_CHANGE, REFINING_S = 0.01, 5.0
 SMALL_CHANGE, DWELL_S = 0.005, 10.0
 """Any other change of this size changes the law at most once in DWELL_S: a fault may come and go."""
 
+GROWN_CHANGE, GROWN_S = 0.01, 1.0
+"""A change of this size in the direction of the last one changes the law at most once in GROWN_S: a pump fades."""
+
 SPLIT_CHANGE, SPLIT_S = 0.01, 2.0
 """A change of a valve's split of this size is followed, at most once in SPLIT_S."""
 
@@ -32,14 +35,18 @@ WATERWAYS_CHANGE, WATERWAYS_S = 0.02, 2.0
 class Followed:
     """What the law follows now: fields of `Diagnosis` as they were when it last followed them.
 
-    changed_s : run time of the last change of effectiveness. refined_until_s : run time until which refinements of it
-    are followed. split_s, waterways_s : run times of the last changes of these.
+    changed_s : run time of the last change of effectiveness. change : (2,) by how much it changed then. told_s : run
+    time of the last change of it that the record tells; those of a pump that fades are told every DWELL_S.
+    refined_until_s : run time until which refinements of it are followed. split_s, waterways_s : run times of the last
+    changes of these.
     """
 
     effectiveness: Pair = HEALTHY
     valve_split: Pair | None = None
     waterways: Waterways | None = None
     changed_s: float = -inf
+    change: Pair = (0.0, 0.0)
+    told_s: float = -inf
     refined_until_s: float = -inf
     split_s: float = -inf
     waterways_s: float = -inf
@@ -58,13 +65,25 @@ def follow(before: Followed, diagnosis: Diagnosis, t_s: float) -> Followed:
 
 
 def _with_effectiveness(before: Followed, effectiveness: Pair, t_s: float) -> Followed:
-    change = _change(before.effectiveness, effectiveness)
-    if not change < LARGE_CHANGE or (t_s - before.changed_s >= DWELL_S and change >= SMALL_CHANGE):
+    change, age_s = _change(before.effectiveness, effectiveness), t_s - before.changed_s
+    (a1, a2), (b1, b2) = before.effectiveness, effectiveness
+    by = (b1 - a1, b2 - a2)
+    is_due = age_s >= DWELL_S and change >= SMALL_CHANGE
+    is_grown = age_s >= GROWN_S and change >= GROWN_CHANGE and _goes_on(before.change, by)
+    if not change < LARGE_CHANGE or is_due or is_grown:
         until_s = t_s + REFINING_S if change >= LARGE_CHANGE else before.refined_until_s
-        return replace(before, effectiveness=effectiveness, changed_s=t_s, refined_until_s=until_s)
+        told_s = t_s if change >= LARGE_CHANGE or t_s - before.told_s >= DWELL_S else before.told_s
+        new = replace(before, effectiveness=effectiveness, changed_s=t_s, change=by, told_s=told_s)
+        return replace(new, refined_until_s=until_s)
     if t_s <= before.refined_until_s and change >= REFINED_CHANGE:
-        return replace(before, effectiveness=effectiveness)
+        return replace(before, effectiveness=effectiveness, told_s=t_s)
     return before
+
+
+def _goes_on(last: Pair, by: Pair) -> bool:
+    """Whether the pump that changes most goes on in the direction of its last change."""
+    pump = 0 if abs(by[0]) >= abs(by[1]) else 1
+    return by[pump] * last[pump] > 0.0
 
 
 def _is_new_split(old: Pair | None, new: Pair | None, age_s: float) -> bool:
