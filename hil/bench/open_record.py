@@ -65,6 +65,7 @@ def open_record(folder: RunFolder, timeline: TimelineSettings | None, with_lines
 
 def _timeline(folder: RunFolder, settings: TimelineSettings) -> Timeline:
     """The recording as a file, and as it is served live. Raises RunFolderError."""
+    from hil.edge.record.coarse_rows import coarseness
     from hil.edge.record.rerun_log import RerunLog, RunCard
     from hil.review.blueprint import blueprint, live_blueprint
 
@@ -82,6 +83,7 @@ def _timeline(folder: RunFolder, settings: TimelineSettings) -> Timeline:
             folder.rrd_path,
             blueprint=blueprint(mode, settings.duration_s, shown, has_picture=has_picture),
             batch_ticks=6000 if is_live else 250,
+            coarser=coarseness(settings.duration_s, manifest.plan.period_s),
             compact_at_close=is_live,
         )
     except Exception as error:  # whatever the viewer's library raises for a file that it can't write

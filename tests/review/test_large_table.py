@@ -28,7 +28,7 @@ def in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_pieces_give_the_same_numbers(whole_run: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:
     at_once = read_ticks(whole_run.ticks_path)
     monkeypatch.setattr(ticks, "LARGE_BYTES", 1)
-    for piece_bytes in (1 << 10, 50_001, 1 << 23):
+    for piece_bytes in (1 << 17, 500_001, 1 << 23):
         monkeypatch.setattr(ticks, "PIECE_BYTES", piece_bytes)
         table = read_ticks(whole_run.ticks_path)
         assert list(table.columns) == list(at_once.columns)

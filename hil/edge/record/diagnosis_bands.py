@@ -28,16 +28,16 @@ EFFECTIVENESS = "pump_effectiveness"
 
 
 class DiagnosisBands:
-    """The bands of one run. columns : those of the rows that it is given."""
+    """The bands of one run. columns : those of the rows that it is given. slower : drawn so many times less often."""
 
-    def __init__(self, columns: Sequence[str]) -> None:
+    def __init__(self, columns: Sequence[str], slower: int = 1) -> None:
         at = {name: place for place, name in enumerate(columns)}
         self._level = [(at[f"h{i}_est_V"], at[f"h{i}_std_V"]) for i in (1, 2, 3, 4)]
         self._effectiveness = [at["theta1"], at["theta2"]]
         self._deviation: list[list[tuple[float, float]]] = [[(-np.inf, 0.0)], [(-np.inf, 0.0)]]
         self._sizes: list[tuple[float, str, float, float]] = []
         self._present: dict[str, tuple[float, float]] = {}
-        self._thinning = Thinning(PERIOD_S)
+        self._thinning, self._batch_s = Thinning(PERIOD_S * slower), BATCH_S * slower
         self._rows: list[Floats] = []
 
     def note_alarm(self, t_s: float, data: Mapping[str, Any]) -> str:
@@ -65,7 +65,7 @@ class DiagnosisBands:
     @property
     def is_due(self) -> bool:
         """Whether there is enough to be sent."""
-        return bool(self._rows) and self._rows[-1][-1, 0] - self._rows[0][0, 0] >= BATCH_S
+        return bool(self._rows) and self._rows[-1][-1, 0] - self._rows[0][0, 0] >= self._batch_s
 
     def send(self, recording: rr.RecordingStream) -> None:
         """Send the bands of what was taken, and the sizes that were reported."""

@@ -24,6 +24,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from hil.core.types import Event, Mode
+from hil.edge.record.coarse_rows import extreme_rows
 from hil.edge.record.diagnosis_bands import DiagnosisBands
 from hil.edge.record.new_folder import disk_error
 from hil.edge.record.picture_model import PictureModel
@@ -39,6 +40,8 @@ FLUSH_TIMEOUT_S = 2.0
 CALL_TIMEOUT_S = 5.0
 """For each call of Rerun that reaches its file: one that meets a full disk may wait for ever."""
 COMPACT_TIMEOUT_S = 60.0
+COARSE_BATCH = 250
+"""Steps of a long run that are sent together at least; if the run is killed, they are missing in run.rrd alone."""
 
 Floats = npt.NDArray[np.float64]
 
@@ -77,7 +80,8 @@ class RerunLog:
 
     mode, shown : of the run, which decide the signals. batch_ticks : steps gathered before they are sent by themselves;
     `flush` sends what there is. picture : the rig for the picture of its tanks; None without it. path : None for
-    a recording that is not written but served, by `server`.
+    a recording that is not written but served, by `server`. coarser : of a long run one row of so many is recorded,
+    with all peaks; see `hil.edge.record.coarse_rows`.
     """
 
     def __init__(
@@ -90,20 +94,24 @@ class RerunLog:
         shown: Sequence[str] = (),
         blueprint: rrb.Blueprint | None = None,
         batch_ticks: int = 250,
+        coarser: int = 1,
         compact_at_close: bool = False,
         picture: PictureModel | None = None,
         server: rr.GrpcServerSink | None = None,
     ) -> None:
         self._path, self._server, self._compact_at_close = path, server, compact_at_close
+        self._coarser = coarser
         signals = recorded(mode, shown)
         self._to_V = np.array([level_gain_V_cm if signal.is_in_cm else 1.0 for signal in signals])
         columns = [signal.column for signal in signals]
         self._mode, self._theta1, self._theta2 = (columns.index(name) for name in ("mode", "theta1", "theta2"))
         self._series = series(mode, shown)
-        self._picture = None if picture is None else TankPicture(picture, columns)
-        self._bands = DiagnosisBands(columns)
+        self._picture = None if picture is None else TankPicture(picture, columns, coarser)
+        self._bands = DiagnosisBands(columns, coarser)
         self._further = [one for one in (self._bands, self._picture) if one is not None]
-        self._table = np.empty((batch_ticks, len(signals)))
+        self._table = np.empty(
+            (batch_ticks if coarser == 1 else max(batch_ticks, COARSE_BATCH * coarser), len(signals))
+        )
         self._filled = 0
         self._events: list[tuple[float, Event]] = []
         self._states: dict[str, list[tuple[float, str]]] = {}
@@ -190,12 +198,14 @@ class RerunLog:
             further.send(self._recording)
 
     def _send_and_flush(self) -> None:
-        self._send_all()
+        if self._coarser == 1 or self._filled >= COARSE_BATCH:  # in a few rows hardly any can be left out
+            self._send_all()
         self._recording.flush(timeout_sec=FLUSH_TIMEOUT_S)
 
     def _finalise(self) -> None:
         try:
-            self._send_and_flush()
+            self._send_all()
+            self._recording.flush(timeout_sec=FLUSH_TIMEOUT_S)
         finally:
             self._recording.disconnect()
 
@@ -224,11 +234,12 @@ class RerunLog:
     def _send(self) -> None:
         if self._filled:
             table, self._filled = self._table[: self._filled], 0
-            times = time_column(table[:, 0])
             for one in self._series:
                 places = list(one.places)
                 values = table[:, places] * self._to_V[places]
-                self._recording.send_columns(one.entity, [times], rr.Scalars.columns(scalars=values))
+                kept = extreme_rows(values, self._coarser)
+                times = time_column(table[kept, 0])
+                self._recording.send_columns(one.entity, [times], rr.Scalars.columns(scalars=values[kept]))
             for further in self._further:
                 further.add(table)
                 if further.is_due:

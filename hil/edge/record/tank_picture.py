@@ -39,11 +39,14 @@ LEVEL_STEP, RADIUS_STEP = 0.02, 0.01
 
 
 class TankPicture:
-    """The picture of one run; see `hil.edge.record.rerun_log`. columns : those of the rows that it is given."""
+    """The picture of one run; see `hil.edge.record.rerun_log`. columns : those of the rows that it is given.
 
-    def __init__(self, model: PictureModel, columns: Sequence[str]) -> None:
+    slower : a long run is drawn so many times less often.
+    """
+
+    def __init__(self, model: PictureModel, columns: Sequence[str], slower: int = 1) -> None:
         self._model, self._scale = model, scale_of(model)
-        self._period = Thinning(PERIOD_S)
+        self._period, self._batch_s = Thinning(PERIOD_S * slower), BATCH_S * slower
         self._rows: list[Floats] = []
         self._faults: list[tuple[float, PresentFaults]] = [(-np.inf, PresentFaults())]
         self._new_faults: list[tuple[float, PresentFaults]] = []
@@ -75,7 +78,7 @@ class TankPicture:
     @property
     def is_due(self) -> bool:
         """Whether there is enough to be sent."""
-        return bool(self._rows) and self._rows[-1][-1, 0] - self._rows[0][0, 0] >= BATCH_S
+        return bool(self._rows) and self._rows[-1][-1, 0] - self._rows[0][0, 0] >= self._batch_s
 
     def send(self, recording: rr.RecordingStream) -> None:
         """Send what was taken."""
