@@ -12,6 +12,7 @@ import rerun.blueprint as rrb
 from hil.edge.record.picture_layout import BACKGROUND, BOUNDS_X, BOUNDS_Y, ROOM
 from hil.edge.record.rerun_log import TIMELINE, Series, series
 from hil.edge.record.run_folder import RunMode
+from hil.edge.record.signals import WHITE
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +50,10 @@ BEFORE_S, AFTER_S = 30.0, 60.0
 
 FOLLOWED_S = 120.0
 """What the plots of a run that goes on show."""
+
+SHARED_AXIS = "view/5c0dca6a-e63f-9cf7-f657-2602590474cc/TimeAxis"
+"""Where the viewer keeps the time range that linked views share: `GLOBAL_VIEW_ID` of Rerun (re_viewer_context). The SDK
+links views, but has no place for the range with which they open."""
 
 PLOT_BACKGROUND = rrb.archetypes.PlotBackground(color=list(BACKGROUND), show_grid=True)
 """Dark in every theme of the viewer: references are white."""
@@ -100,13 +105,29 @@ def _tabs(layout: _Layout, tab: str, has_picture: bool, time_panel: rrb.TimePane
         card,
     ]
     opened = next((place for place, sheet in enumerate(sheets) if sheet.name == tab), 0)
-    return rrb.Blueprint(
+    return LinkedBlueprint(
+        layout.axis,
         rrb.Tabs(*sheets, active_tab=opened),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         time_panel,
         auto_views=False,
     )
+
+
+class LinkedBlueprint(rrb.Blueprint):
+    """A layout whose plots share one time range: who zooms or moves one of them does so with all.
+
+    axis : the range with which they open. The other arguments are those of `rrb.Blueprint`.
+    """
+
+    def __init__(self, axis: rrb.TimeAxis, *parts: rrb.BlueprintPart, auto_views: bool) -> None:
+        super().__init__(*parts, auto_views=auto_views)
+        self._shared = axis
+
+    def _log_to_stream(self, stream: rr.RecordingStream) -> None:
+        super()._log_to_stream(stream)
+        stream.log(SHARED_AXIS, self._shared)
 
 
 class _Layout:
@@ -116,17 +137,18 @@ class _Layout:
         names = [one.entity for one in drawn]
         self._entities = [entity for entity in PLOTS if entity in names]
         self._entities += [entity for entity in names if entity not in PLOTS]
-        self._axis = None
+        self._in_white = {
+            one.entity for one in drawn if any(signal.curve and signal.curve.color == WHITE for signal in one.signals)
+        }
+        self.axis = _linked(None)
         if end_s is not None and isfinite(end_s):
-            span = rr.TimeRange(
-                start=rr.TimeRangeBoundary.absolute(seconds=begin_s), end=rr.TimeRangeBoundary.absolute(seconds=end_s)
-            )
-            self._axis = rrb.TimeAxis(view_range=span)
+            start, end = (rr.TimeRangeBoundary.absolute(seconds=at_s) for at_s in (begin_s, end_s))
+            self.axis = _linked(rr.TimeRange(start=start, end=end))
 
     def follow(self) -> None:
         """Let the time axis end at the time cursor."""
         begin = rr.TimeRangeBoundary.cursor_relative(seconds=-FOLLOWED_S)
-        self._axis = rrb.TimeAxis(view_range=rr.TimeRange(start=begin, end=rr.TimeRangeBoundary.cursor_relative()))
+        self.axis = _linked(rr.TimeRange(start=begin, end=rr.TimeRangeBoundary.cursor_relative()))
 
     def overview(self) -> rrb.Vertical:
         """Levels, pump voltages, effectiveness, states and log on one sheet."""
@@ -139,7 +161,7 @@ class _Layout:
         shown = {entity for row in first for entity in row}
         more = _rows([entity for entity in mine if entity not in shown])
         states = rrb.StateTimelineView(
-            origin="/states", contents=["/states/**"], name="Mode and faults", time_view=self._axis
+            origin="/states", contents=["/states/**"], name="Mode and faults", time_view=self.axis
         )
         log = rrb.TextLogView(origin="/log", name="Log")
         return rrb.Vertical(
@@ -158,7 +180,7 @@ class _Layout:
             visual_bounds=rrb.VisualBounds2D(x_range=list(BOUNDS_X), y_range=list(BOUNDS_Y)),
         )
         states = rrb.StateTimelineView(
-            origin="/states", contents=["/states/**"], name="Mode and faults", time_view=self._axis
+            origin="/states", contents=["/states/**"], name="Mode and faults", time_view=self.axis
         )
         log = rrb.TextLogView(origin="/log", name="Log")
         plots = [self._plot(entity) for entity in ("levels/tank1", "levels/tank2")]
@@ -169,7 +191,7 @@ class _Layout:
         """The test beside its limit, candidates, and what was found, each with a band of one standard deviation."""
         room = f"/{DIAGNOSIS}"
         candidates = rrb.StateTimelineView(
-            origin=room, contents=[f"{room}/candidates", "/states/alarm"], name="Candidates", time_view=self._axis
+            origin=room, contents=[f"{room}/candidates", "/states/alarm"], name="Candidates", time_view=self.axis
         )
         sizes = self._band(f"{room}/sizes/**", "Sizes of faults, as reported", (0.0, 1.0))
         effectiveness = self._band(f"{room}/effectiveness/**", "Pump effectiveness [1], band as last reported")
@@ -188,36 +210,44 @@ class _Layout:
             origin="/",
             contents=[contents],
             name=title,
-            axis_x=self._axis,
+            axis_x=self.axis,
             axis_y=None if range_ is None else rrb.ScalarAxis(range=range_),
             background=PLOT_BACKGROUND,
         )
 
-    def control(self) -> rrb.Vertical:
+    def control(self) -> rrb.Grid:
         """What the control law works with."""
         return self._sheet("Control", [entity for entity in self._entities if _room(entity) in CONTROL])
 
-    def bench(self) -> rrb.Vertical:
+    def bench(self) -> rrb.Grid:
         """Timing of the loop, frames on the bus, and all that has no sheet of its own."""
         return self._sheet("Bench", [e for e in self._entities if _room(e) not in (*OVERVIEW, *CONTROL, DIAGNOSIS)])
 
-    def _sheet(self, name: str, entities: Sequence[str]) -> rrb.Vertical:
-        return rrb.Vertical(*(self._row(row) for row in _rows(entities)), name=name)
+    def _sheet(self, name: str, entities: Sequence[str]) -> rrb.Grid:
+        """Two plots a row, with as few parts as possible: each costs some 3 kB of every recording."""
+        return rrb.Grid(*(self._plot(entity, is_plain=True) for entity in entities), grid_columns=2, name=name)
 
     def _row(self, entities: Sequence[str]) -> rrb.Horizontal:
         return rrb.Horizontal(*(self._plot(entity) for entity in entities))
 
-    def _plot(self, entity: str) -> rrb.TimeSeriesView:
+    def _plot(self, entity: str, is_plain: bool = False) -> rrb.TimeSeriesView:
+        """is_plain : with the viewer's own background, if it draws nothing in white, and place of the legend."""
         plot = PLOTS.get(entity, Plot(entity))
+        is_dark = not is_plain or entity in self._in_white
         return rrb.TimeSeriesView(
             origin="/",
             contents=[f"/{entity}"],
             name=plot.title,
-            axis_x=self._axis,
+            axis_x=self.axis,
             axis_y=None if plot.range_ is None else rrb.ScalarAxis(range=plot.range_),
-            plot_legend=rrb.PlotLegend(corner=plot.corner),
-            background=PLOT_BACKGROUND,
+            plot_legend=None if is_plain else rrb.PlotLegend(corner=plot.corner),
+            background=PLOT_BACKGROUND if is_dark else None,
         )
+
+
+def _linked(span: rr.TimeRange | None) -> rrb.TimeAxis:
+    """The time axis of each view; one that can't be linked opens on the same range."""
+    return rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal, view_range=span)
 
 
 def _room(entity: str) -> str:

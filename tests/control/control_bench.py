@@ -59,15 +59,16 @@ class Bench:
 
 
 @contextmanager
-def control_bench(folder: Path) -> Iterator[Bench]:
+def control_bench(folder: Path, pid: int | None = None) -> Iterator[Bench]:
+    """pid : a living process that the run says it is; None: this one."""
     path = folder / "control.sock"
     with ControlChannel() as channel:
-        channel.open(settings(path), CONFIG)
+        channel.open(settings(path, pid), CONFIG)
         bench = Bench(channel, path)
         bench.step(4)
         yield bench
 
 
-def settings(path: Path) -> ServerSettings:
-    run = RunningRun(os.getpid(), str(path.parent), str(path), "toy", "2026-01-01T00:00:00+00:00")
+def settings(path: Path, pid: int | None = None) -> ServerSettings:
+    run = RunningRun(pid or os.getpid(), str(path.parent), str(path), "toy", "2026-01-01T00:00:00+00:00")
     return ServerSettings(path, run, {"folder": str(path.parent), "scenario": "toy"})

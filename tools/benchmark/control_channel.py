@@ -1,6 +1,6 @@
 """Lateness of the control steps with many clients on the control channel, beside the same without any.
 
-    python -m tools.benchmark.control_channel [--seconds S] [--pairs N] [--realtime | --apart]
+    python -m tools.benchmark.control_channel [--seconds S] [--pairs N] [--realtime | --apart [--ordinary-clients]]
 
 Pairs of runs in real time on the emulator over slcan, in turns. The clients are a process of their own: 100 connect, of
 which as many as are served subscribe to states at 20 Hz; one never reads, one sends 10 MB without an end of line again
@@ -8,7 +8,8 @@ and again, one sends requests without pause.
 
 --apart : on a computer that is busy with other programs. All programs of the benchmark, the process that serves the
 clients and the clients among them, get SCHED_RR 1: others hardly count, and none of these stands back for the control
-thread, which has to wait for what runs on its processor. Needs CAP_SYS_NICE.
+thread, which has to wait for what runs on its processor. Needs CAP_SYS_NICE. With --ordinary-clients the clients' own
+processor time does not count: what is left is what the control channel does.
 """
 
 from __future__ import annotations
@@ -45,18 +46,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--apart", action="store_true", help="all programs of the benchmark before all others (SCHED_RR)"
     )
+    parser.add_argument("--ordinary-clients", action="store_true", help="with --apart: but the clients")
     parser.add_argument("--clients-of", metavar="SOCKET", help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     if options.clients_of:
+        if options.ordinary_clients:
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         be_clients(options.clients_of, options.seconds)
         return 0
     if options.apart:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
+    clients = ["--ordinary-clients"] if options.ordinary_clients else []
     late = {False: np.empty(0), True: np.empty(0)}
     skipped = {False: 0, True: 0}
     for number in range(2 * options.pairs):
         with_clients = number % 2 == 1
-        lateness_ms, count = one_run(options.seconds, with_clients, options.realtime, options.apart)
+        lateness_ms, count = one_run(options.seconds, with_clients, options.realtime, options.apart, clients)
         late[with_clients] = np.append(late[with_clients], lateness_ms)
         skipped[with_clients] += count
     for with_clients, name in ((False, "no client"), (True, f"{CLIENTS} clients")):
@@ -71,7 +76,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def one_run(seconds: float, with_clients: bool, realtime: bool, apart: bool = False) -> tuple[np.ndarray, int]:
+def one_run(seconds: float, with_clients: bool, realtime: bool, apart: bool, more: list[str]) -> tuple[np.ndarray, int]:
     """Lateness of each step, ms, and the steps skipped."""
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made) / "run"
@@ -84,7 +89,7 @@ def one_run(seconds: float, with_clients: bool, realtime: bool, apart: bool = Fa
             if with_clients:  # before the run, so that what its libraries take to load is no load of clients
                 path = f"{folder / 'control.sock'}"
                 me = [sys.executable, "-m", "tools.benchmark.control_channel", "--clients-of", path]
-                clients = subprocess.Popen([*me, "--seconds", f"{seconds + 60.0}"], cwd=ROOT)
+                clients = subprocess.Popen([*me, "--seconds", f"{seconds + 60.0}", *more], cwd=ROOT)
                 time.sleep(2.0)
             command: list[str | Path] = [BIN / "hil", "run", "hold", "-i", "slcan", "-c", channel, "--out", folder]
             options = ["--duration", f"{seconds}", "--no-rerun", "--no-report", *(["--realtime"] if realtime else [])]
