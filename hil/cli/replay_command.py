@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -12,56 +11,49 @@ from rich.console import Console
 from rich.table import Table
 
 from hil.cli import exit_codes
-from hil.core.counted import counted
+from hil.edge.record.run_folder import write_atomically
+from hil.replay.alarm_difference import in_words
+from hil.replay.reference_file import reference_path
 from hil.replay.replay_run import ReplayOptions, ReplayResult, replay
-from hil.review.alarms import Finding
 
 
-def run(console: Console, record: Path, options: ReplayOptions, *, as_json: bool) -> int:
-    """Replay and show; returns the exit code."""
+def run(console: Console, record: Path, options: ReplayOptions, *, as_json: bool, figure: Path | None) -> int:
+    """Replay and show; returns the exit code. Raises what `replay` raises, and IncompleteRecordError for the figure."""
     result = replay(record, options)
     if as_json:
         console.out(json.dumps(_as_json(result), indent=2), highlight=False)
     else:
         _show(console, result)
+    if figure is not None:
+        from hil.replay.replay_page import replay_page
+
+        write_atomically(figure, replay_page(result))
+        if not as_json:
+            console.print(str(figure), markup=False, highlight=False, soft_wrap=True)
+    if options.update:
+        if not as_json:
+            console.print(f"new reference: {reference_path(record)}", markup=False, highlight=False, soft_wrap=True)
+        return 0
     return 0 if result.is_same else exit_codes.DIFFERS
 
 
 def _show(console: Console, result: ReplayResult) -> None:
-    say = console.print
-    plain: dict[str, Any] = {"markup": False, "highlight": False, "soft_wrap": True}
-    if result.comparison is None:
-        say(f"what if: {result.what_if}; the commands are not compared", **plain)
-    elif result.comparison.first is None:
-        say(f"same commands as recorded: {counted(result.comparison.compared, 'command')}", **plain)
-    else:
-        say(f"first difference: {result.comparison.first}", **plain)
-        say(f"{result.comparison.differing} of {counted(result.comparison.compared, 'command')} differ", **plain)
-    if result.comparison is not None and result.comparison.rounded:
-        rounded = counted(result.comparison.rounded, "command")
-        say(f"{rounded} differ by rounding only, {result.comparison.largest_V:g} V at the most", **plain)
+    for line in result.summary:
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
     if result.recorded_alarms or result.replayed_alarms:
-        say(_alarm_table(result), markup=False, highlight=False)
+        console.print(_alarm_table(result), markup=False, highlight=False)
     for doubt in result.doubts:
-        say(f"not exact: {doubt}", **plain)
+        console.print(f"not exact: {doubt}", markup=False, highlight=False, soft_wrap=True)
 
 
 def _alarm_table(result: ReplayResult) -> Table:
     table = Table(title="alarms", title_justify="left")
-    table.add_column("recorded", overflow="fold")
+    table.add_column("not in a log" if result.recorded_alarms is None else "recorded", overflow="fold")
     table.add_column("today", overflow="fold")
-    recorded = result.recorded_alarms or ()
-    for number in range(max(len(recorded), len(result.replayed_alarms))):
-        table.add_row(_said(recorded, number), _said(result.replayed_alarms, number))
+    recorded, today = result.recorded_alarms or (), result.replayed_alarms
+    for at in range(max(len(recorded), len(today))):
+        table.add_row(*(in_words(ones[at]) if at < len(ones) else "" for ones in (recorded, today)))
     return table
-
-
-def _said(findings: Sequence[Finding], number: int) -> str:
-    if number >= len(findings):
-        return ""
-    one = findings[number]
-    at = "" if one.detected_s is None else f"{one.detected_s:.1f} s: "
-    return f"{at}{one.kind} {one.target}"
 
 
 def _as_json(result: ReplayResult) -> dict[str, Any]:
@@ -70,6 +62,8 @@ def _as_json(result: ReplayResult) -> dict[str, Any]:
         "record": str(result.where),
         "what_if": asdict(result.what_if),
         "is_same": None if compared is None else result.is_same,
+        "reference": result.reference_version or None,
+        "alarm_difference": result.alarm_difference,
         "commands": None if compared is None else asdict(compared),
         "recorded_alarms": None if result.recorded_alarms is None else [asdict(one) for one in result.recorded_alarms],
         "alarms": [asdict(one) for one in result.replayed_alarms],

@@ -2,43 +2,44 @@
 
 from __future__ import annotations
 
-import gzip
-import re
-import zlib
 from pathlib import Path
 
-from hil.replay.frame_log import ERROR, EXTENDED, REMOTE, Entry, FrameLog, ReplayError, frame_log
+import numpy as np
 
-LINE = re.compile(rb"\((\d+)\.(\d{6})\) \S+ ([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(R?)([0-9A-Fa-f]*)(?: [RT])?$")
-ERROR_FLAG = 0x20000000
+from hil.data.can_log import CanLog, read_can_log
+from hil.edge.record.log_file import find_log
+from hil.replay.frame_log import ERROR, EXTENDED, REMOTE, FrameLog
 
 
 def read_candump(path: Path) -> FrameLog:
-    """Raises ReplayError that names the first line that is no frame. A half line at the end is left out, and said."""
-    text = _content(path)
-    whole, _, rest = text.rpartition(b"\n")
-    doubts = (f"{path.name} ends in the middle of a line, which is left out",) if rest else ()
-    lines = whole.split(b"\n") if whole else []
-    return frame_log((_entry(path, number, line) for number, line in enumerate(lines, 1)), doubts)
+    """Raises RunFolderError; for a line that is no frame, a DamagedLogError that names it.
+
+    A half line at the end is left out, and said.
+    """
+    return frames_of(read_can_log(path), _end(find_log(path)))
 
 
-def _content(path: Path) -> bytes:
-    try:
-        raw = path.read_bytes()
-        return gzip.decompress(raw) if path.suffix == ".gz" else raw
-    except (OSError, EOFError, zlib.error) as error:
-        raise ReplayError(f"{path} can't be read: {getattr(error, 'strerror', None) or error}") from None
+def frames_of(log: CanLog, doubts: tuple[str, ...] = ()) -> FrameLog:
+    """The columns that a replay needs; times to the microsecond that the text has."""
+    kind = EXTENDED * (log.is_extended & ~log.is_error) + REMOTE * log.is_remote + ERROR * log.is_error
+    micros = np.rint(log.time_s * 1e6).astype(np.int64)
+    return FrameLog(
+        micros * 1000,
+        log.arbitration_id,
+        kind.astype(np.uint8),
+        log.length,
+        log.data,
+        log.channel,
+        log.channels,
+        doubts,
+    )
 
 
-def _entry(path: Path, number: int, line: bytes) -> Entry:
-    match = LINE.match(line)
-    if match is None or (not match[4] and len(match[5]) % 2):
-        shown = line[:60].decode("ascii", "replace")
-        raise ReplayError(f"{path}, line {number} is no frame as candump -L writes it: {shown!r}")
-    seconds, micros, identifier, remote, data = match.groups()
-    time_ns = int(seconds) * 1_000_000_000 + int(micros) * 1000
-    frame_id = int(identifier, 16)
-    if len(identifier) == 8 and frame_id & ERROR_FLAG:
-        return time_ns, frame_id & ~ERROR_FLAG, ERROR, bytes.fromhex(data.decode())
-    kind = (EXTENDED if len(identifier) == 8 else 0) | (REMOTE if remote else 0)
-    return time_ns, frame_id, kind, b"" if remote else bytes.fromhex(data.decode())
+def _end(path: Path) -> tuple[str, ...]:
+    """What to say of a file that ends in the middle of a line."""
+    if path.suffix in (".gz", ".zst") or path.stat().st_size == 0:
+        return ()
+    with path.open("rb") as stream:
+        stream.seek(-1, 2)
+        is_whole = stream.read(1) == b"\n"
+    return () if is_whole else (f"{path.name} ends in the middle of a line, which is left out",)

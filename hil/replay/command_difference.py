@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isnan
 
+from hil.replay.open_loop import Replayed
 from hil.replay.recorded_steps import NOTHING, RecordedStep
 from hil.wire.contract import Contract, Decoded
 
@@ -55,19 +57,14 @@ class CommandComparison:
     first: CommandDifference | None
 
 
-def count_of_command(contract: Contract) -> float:
-    """One count of a command on the wire, V. The default tolerance: another processor may round to the other side."""
-    return next(s.scale for s in contract.frames["PumpCommand"].signals if s.name == "Command1")
-
-
 def compare_commands(
     contract: Contract,
     steps: Sequence[RecordedStep],
     expected: Sequence[bytes],
-    replayed: Sequence[bytes],
+    replayed: Replayed,
     tolerance_V: float,
 ) -> CommandComparison:
-    """Step by step. expected, replayed : payloads; empty where nothing was sent.
+    """Step by step. expected : payloads; empty where nothing was sent.
 
     A step that is in ticks.csv and sent nothing is not compared: the bus did not take its command.
     """
@@ -75,13 +72,14 @@ def compare_commands(
     slack_V = tolerance_V + 1e-9
     compared = differing = rounded = 0
     largest_V, first = 0.0, None
-    for number, (step, before, now) in enumerate(zip(steps, expected, replayed, strict=True)):
+    for number, (step, before, now) in enumerate(zip(steps, expected, replayed.payloads, strict=True)):
         if step.command == NOTHING and not before:
             continue
         compared += 1
         if before == now:
             continue
-        found = _first_of(number, step, layout.decode(before) if before else None, layout.decode(now) if now else None)
+        t_s = replayed.step_s[number] if isnan(step.t_s) else step.t_s
+        found = _all_of(number, t_s, layout.decode(before) if before else None, layout.decode(now) if now else None)
         largest_V = max([largest_V, *(abs(d.recorded - d.replayed) for d in found if d.signal in VOLTAGES)])
         beyond = [d for d in found if d.signal not in VOLTAGES or abs(d.recorded - d.replayed) > slack_V]
         differing += bool(beyond)
@@ -93,11 +91,11 @@ def compare_commands(
     return CommandComparison(compared, differing, rounded, largest_V, first)
 
 
-def _first_of(number: int, step: RecordedStep, before: Decoded | None, now: Decoded | None) -> list[CommandDifference]:
+def _all_of(number: int, t_s: float, before: Decoded | None, now: Decoded | None) -> list[CommandDifference]:
     """All signals of a step that differ."""
-    t_s = step.t_s if step.t_s == step.t_s else None
     if before is None or now is None:
         pairs = [(SENT, float(before is not None), float(now is not None))]
     else:
         pairs = [(name, before[name], now[name]) for name in COMPARED if before[name] != now[name]]
-    return [CommandDifference(name, number, t_s, old, new, 0.0) for name, old, new in pairs if old != new]
+    at_s = None if isnan(t_s) else t_s
+    return [CommandDifference(name, number, at_s, old, new, 0.0) for name, old, new in pairs if old != new]

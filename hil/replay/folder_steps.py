@@ -15,7 +15,8 @@ import numpy.typing as npt
 from hil.core.counted import counted
 from hil.core.reference_path import TIME_TOLERANCE_S
 from hil.core.types import Mode, TripCause
-from hil.edge.record.run_folder import Manifest, RunFolder
+from hil.edge.record.log_file import find_log
+from hil.edge.record.run_folder import Manifest, RunFolder, RunFolderError
 from hil.replay.candump_file import read_candump
 from hil.replay.frame_log import FrameLog, ReplayError
 from hil.replay.recorded_requests import placed_requests
@@ -54,7 +55,9 @@ def read_folder_steps(folder: RunFolder, command_id: int) -> RecordedSteps:
 def _own_rows(folder: RunFolder, log: FrameLog, command_id: int, doubts: list[str]) -> Ints:
     """Rows of what the controller sent: those of can.log that sent.log has, too, in its order."""
     candidates = log.rows_of(command_id)
-    if not folder.sent_log_path.is_file():
+    try:
+        find_log(folder.sent_log_path)
+    except RunFolderError:
         doubts.append("there is no sent.log: every pump command in can.log counts as the controller's own")
         return candidates
     sent = read_candump(folder.sent_log_path)
@@ -107,8 +110,8 @@ def _delay_ns(sent_ns: Ints, tick_ns: Ints, doubts: list[str]) -> int:
     delay_ns = int(np.median((sent_ns - tick_ns[owner])[in_control]))
     if before:
         doubts.append(
-            f"when the {counted(before, 'step')} before control began is not recorded: taken as "
-            f"{delay_ns / 1e3:.0f} us before the command, the median of the other steps"
+            f"when {'the step' if before == 1 else f'the {before} steps'} before control began is not recorded: taken "
+            f"as {delay_ns / 1e3:.0f} us before the command, the median of the other steps"
         )
     return delay_ns
 

@@ -14,6 +14,7 @@ from hil.core.errors import HilError
 EXTENDED, REMOTE, ERROR, FD = 1, 2, 4, 8
 """Flags of `FrameLog.kind`; 0 is a classic data frame with an 11-bit identifier, as all frames of the bench are."""
 
+MAX_CHANNELS = 256
 PAYLOAD = 8
 """Bytes that are kept of a frame."""
 
@@ -26,8 +27,8 @@ class ReplayError(HilError, ValueError):
 class FrameLog:
     """Frames as columns, (n,) each; data is (n, 8).
 
-    time_ns : since the epoch. kind : flags, see above. length : bytes of payload. doubts : what was wrong with the
-    file.
+    time_ns : since the epoch. kind : flags, see above. length : bytes of payload. channel : index in `channels`, the
+    names of the buses. doubts : what was wrong with the file.
     """
 
     time_ns: npt.NDArray[np.int64]
@@ -35,6 +36,8 @@ class FrameLog:
     kind: npt.NDArray[np.uint8]
     length: npt.NDArray[np.uint8]
     data: npt.NDArray[np.uint8]
+    channel: npt.NDArray[np.uint8]
+    channels: tuple[str, ...] = ("can0",)
     doubts: tuple[str, ...] = ()
 
     def __len__(self) -> int:
@@ -70,18 +73,23 @@ class FrameLog:
             self.kind[rows],
             self.length[rows],
             self.data[rows],
+            self.channel[rows],
+            self.channels,
             (*self.doubts, *doubts),
         )
 
 
-Entry = tuple[int, int, int, bytes]
-"""Time in ns, identifier, flags, payload."""
+Entry = tuple[int, int, int, bytes, str]
+"""Time in ns, identifier, flags, payload, channel."""
 
 
 def frame_log(entries: Iterable[Entry], doubts: tuple[str, ...] = ()) -> FrameLog:
     """Columns of frames that come one by one."""
     times, ids, kinds, lengths, payload = [], [], bytearray(), bytearray(), bytearray()
-    for time_ns, frame_id, kind, data in entries:
+    names: dict[str, int] = {}
+    channels = bytearray()
+    for time_ns, frame_id, kind, data, channel in entries:
+        channels.append(min(names.setdefault(channel, len(names)), MAX_CHANNELS - 1))
         times.append(time_ns)
         ids.append(frame_id)
         kinds.append(kind)
@@ -94,5 +102,7 @@ def frame_log(entries: Iterable[Entry], doubts: tuple[str, ...] = ()) -> FrameLo
         np.frombuffer(kinds, dtype=np.uint8),
         np.frombuffer(lengths, dtype=np.uint8),
         np.frombuffer(payload, dtype=np.uint8).reshape(-1, PAYLOAD),
+        np.frombuffer(channels, dtype=np.uint8),
+        tuple(names),
         doubts,
     )

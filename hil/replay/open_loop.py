@@ -9,6 +9,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import nan
 from typing import Any
 
 from hil.bench.assembly import Bench, make_loop
@@ -17,10 +18,14 @@ from hil.core.live_request import LiveRequest
 from hil.core.types import Command, Event, Inputs, Quad, TickRecord, Timing
 from hil.edge.record.record_format import event_line
 from hil.loop import Outcome
-from hil.replay.command_difference import count_of_command
 from hil.replay.recorded_steps import NOTHING, RecordedStep, RecordedSteps
 from hil.wire.command_sender import CommandSender
 from hil.wire.contract import Contract
+
+
+def count_of_command(contract: Contract) -> float:
+    """One count of a command on the wire, V. The default tolerance: another processor may round to the other side."""
+    return next(s.scale for s in contract.frames["PumpCommand"].signals if s.name == "Command1")
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,12 +33,14 @@ class Replayed:
     """What today's controller did.
 
     payloads : what it sent at each step; b"" for nothing. event_text : lines as in events.jsonl. columns : of the steps
-    in control, by name. outcome : how it would have ended the run, if it did.
+    in control, by name. step_s : run time of each step; NaN outside of control. outcome : how it would have ended the
+    run, if it did.
     """
 
     payloads: tuple[bytes, ...]
     event_text: str
     columns: dict[str, array[float]]
+    step_s: array[float]
     outcome: Outcome | None
 
 
@@ -137,7 +144,8 @@ def play(
     port, recorder, operator = ReplayPort(), ReplayRecorder(), RecordedOperator()
     sender = RecordedCommandSender(bench.contract)
     loop = make_loop(bench, config, port, recorder, clear_trip=clear_trip, operator=operator, sender=sender)
-    log, payloads, done = recorded.log, [], 0
+    log, payloads, done, had = recorded.log, [], 0, 0
+    step_s = array("d")
     for number, step in enumerate(recorded.steps):
         for row in recorded.received[done : step.until].tolist():
             loop.receive(log.message(row), int(log.time_ns[row]))
@@ -150,9 +158,12 @@ def play(
         else:
             loop.tick(step.now_ns, Timing(step.lateness_s, step.skipped), step.stop_reason)
         payloads.append(port.payload)
+        times_s = recorder.columns["t_s"]
+        step_s.append(times_s[-1] if len(times_s) > had else nan)
+        had = len(times_s)
         if on_progress is not None and number % 100 == 99:
             on_progress(number + 1)
-    return Replayed(tuple(payloads), "".join(recorder.events), recorder.columns, loop.outcome)
+    return Replayed(tuple(payloads), "".join(recorder.events), recorder.columns, step_s, loop.outcome)
 
 
 def _is_last_command(steps: tuple[RecordedStep, ...], number: int) -> bool:

@@ -64,6 +64,12 @@ def recorded_controller(folder: RunFolder, what_if: WhatIf) -> Iterator[Recorded
             raise SettingsError(f"{text}{_hint(settings, what_if)}") from None
 
 
+def named_controller(scenario: str | Path, config_dir: Path | None, what_if: WhatIf) -> RecordedController:
+    """The controller of a scenario on a rig, for a log. Raises SettingsError."""
+    bench = assembly.load(scenario, config_dir, rig=what_if.rig, detector=what_if.detector, law=what_if.law)
+    return RecordedController(bench, assembly.controller_config(bench), clear_trip=False, doubts=())
+
+
 def _written(place: Path, copies: Mapping[str, str]) -> Path:
     """The copies as files below `place`; the scenario's path."""
     for name, text in copies.items():

@@ -16,7 +16,7 @@ duration_s = 24.0
 
 [[reference]]
 at_s = 4.0
-change_V = [0.2, 0.2]
+change_V = [0.2, 0.1]
 
 [[fault]]
 at_s = 8.0

@@ -98,6 +98,11 @@ def _true_level(index: int) -> Source:
     return lambda step: step.true_level_cm[index]
 
 
+def _run_ns(record: TickRecord) -> int:
+    """Exact for a century: `t_s` is a whole number of ns, as seconds."""
+    return round(record.t_s * 1e9)
+
+
 PUMPS, TANKS, OUTPUTS = (0, 1), (0, 1, 2, 3), (0, 1)
 PUMP_COLORS = (BLUE, ORANGE)
 GAIN_COLORS = (BLUE, ORANGE, GREEN, PURPLE, WHITE, GREY)
@@ -274,6 +279,10 @@ SIGNALS: tuple[Signal, ...] = (
     Signal(
         "latency_s", "s", "from the arrival of the newest frame that the step could use until its command was sent",
         lambda step: step.latency_s, Curve("bench/latency", "newest frame to command", BLUE), only="live",
+    ),
+    Signal(
+        "t_ns", "ns", "run time at which the step began, exactly: for a replay", lambda step: _run_ns(step.record),
+        digits=None, only="live",
     ),
     Signal(
         "recorder_queue", "", "entries of the record that waited to be written when the step ended",

@@ -1,0 +1,71 @@
+"""Reads a log of a bus, whoever recorded it: candump, BLF, ASC, MF4 and what else python-can reads."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import can
+import numpy as np
+
+from hil.core.counted import counted
+from hil.edge.record.log_file import COMPRESSIONS
+from hil.replay.candump_file import read_candump
+from hil.replay.frame_log import ERROR, EXTENDED, FD, REMOTE, Entry, FrameLog, ReplayError, frame_log
+
+CANDUMP = (".log", ".candump", "")
+READ = (".asc", ".blf", ".mf4", ".trc", ".csv", ".db")
+"""Suffixes that python-can's readers know."""
+
+
+def read_log(path: Path) -> FrameLog:
+    """The frames of a log in the order of their times. Raises ReplayError, RunFolderError.
+
+    What can be read of a damaged file is kept, and its end is said.
+    """
+    if not path.is_file():
+        raise ReplayError(f"{path}: there is no such log, nor a run folder of that name")
+    suffix = path.suffix.lower()
+    if suffix.lstrip(".") in COMPRESSIONS:
+        suffix = Path(path.stem).suffix.lower()
+    if suffix in CANDUMP:
+        log = read_candump(path)
+    elif path.suffix.lower() in READ:
+        log = _read_with_reader(path)
+    else:
+        raise ReplayError(f"{path}: {path.suffix} is no log that can be read; known are .log and {', '.join(READ)}")
+    if not len(log):
+        raise ReplayError(f"{path}: there is no frame in this log")
+    return _in_order(path, log)
+
+
+def _read_with_reader(path: Path) -> FrameLog:
+    entries: list[Entry] = []
+    doubts: tuple[str, ...] = ()
+    try:
+        with can.LogReader(path) as reader:
+            entries.extend(_entries(reader))
+    except Exception as error:  # noqa: BLE001 - the readers raise what they meet, of many kinds, on a damaged file
+        what = " ".join(str(error).split())[:200] or type(error).__name__
+        if not entries:
+            raise ReplayError(f"{path} can't be read as {path.suffix[1:].upper()}: {what}") from None
+        doubts = (f"{path.name} can be read up to its frame {len(entries)}, then: {what}",)
+    return frame_log(entries, doubts)
+
+
+def _entries(reader: Iterable[can.Message]) -> Iterator[Entry]:
+    for message in reader:
+        kind = EXTENDED * (message.is_extended_id and not message.is_error_frame) + REMOTE * message.is_remote_frame
+        kind += ERROR * message.is_error_frame + FD * message.is_fd
+        yield round(message.timestamp * 1e9), message.arbitration_id, kind, bytes(message.data), str(message.channel)
+
+
+def _in_order(path: Path, log: FrameLog) -> FrameLog:
+    """Sorted by time; frames of equal times keep their order."""
+    late = int((np.diff(log.time_ns) < 0).sum())
+    if not late:
+        return log
+    order = np.argsort(log.time_ns, kind="stable")
+    return log.taken(
+        order, f"{path.name} is not in the order of time ({counted(late, 'frame')} earlier than the one before): sorted"
+    )
