@@ -29,7 +29,10 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from hil.lean_start import keep_asammdf_out
 from hil.version import __version__ as __version__
+
+keep_asammdf_out()
 
 if TYPE_CHECKING:
     from hil.bench.api import campaign, design, load, run, simulate

@@ -77,9 +77,19 @@ def test_import_hil_loads_neither_numpy_nor_can() -> None:
 
 
 def test_a_run_loads_no_library_that_it_does_not_use() -> None:
-    """Each `hil run` and `hil simulate` waited 1.5 s for python-control, scipy.signal, numba and matplotlib."""
+    """Each `hil run` and `hil simulate` waited 1.5 s for python-control, scipy.signal, numba and matplotlib.
+
+    With asammdf installed python-can loaded it, and pandas and polars with their threads.
+    """
     scipy = "'scipy.signal', 'scipy.stats', 'scipy.optimize'"
-    heavy = f"{{{scipy}, 'control', 'numba', 'matplotlib', 'rerun', 'pyarrow', 'pandas'}}"
-    code = f"import sys, hil.bench.live_run, hil.bench.lockstep_run; print(sorted(set(sys.modules) & {heavy}))"
+    heavy = f"{{{scipy}, 'control', 'numba', 'matplotlib', 'rerun', 'pyarrow', 'pandas', 'polars', 'asammdf'}}"
+    for modules in ("hil.bench.live_run, hil.bench.lockstep_run", "firmware_sim.cli, firmware_sim.serve"):
+        code = f"import sys, {modules}; print(sorted(set(sys.modules) & {heavy}))"
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        assert done.stdout == "[]\n"
+
+
+def test_who_imports_asammdf_gets_it() -> None:
+    code = "import sys, hil, can, asammdf; print(asammdf.__name__)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "[]\n"
+    assert done.stdout == "asammdf\n"

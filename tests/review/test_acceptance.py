@@ -1,17 +1,12 @@
 """Limits of a scenario against the key figures of a run, and the JUnit file of their verdicts."""
 
-from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from hil.edge.config.accept_table import CHECKS, AcceptTable
 from hil.review.acceptance import MISSING, LimitVerdict, figure_at, verdicts
-from hil.review.junit import JudgedScenario, write_junit
 
 ALARM: dict[str, Any] = {"kind": "pump_effectiveness", "target": 1, "detected_s": 200.4}
 FIGURES: dict[str, Any] = {
@@ -141,35 +136,3 @@ def test_a_limit_that_says_nothing_or_two_things_is_refused(limit: dict[str, Any
 def test_every_check_is_in_the_list() -> None:
     about = {"name", "window", "min", "max", "equals"}
     assert set(AcceptTable.model_fields) - about == set(CHECKS)
-
-
-def test_the_junit_file_counts_failures_and_errors(tmp_path: Path) -> None:
-    good, bad = judged(trip="high_level"), judged(no_trip=True)
-    tested = [JudgedScenario("one", (good, bad), 1.5), JudgedScenario("two", (), 0.5, "disk full")]
-    write_junit(tmp_path / "out.xml", tested)
-    root = ElementTree.parse(tmp_path / "out.xml").getroot()  # noqa: S314 - written a line above
-    assert root.tag == "testsuites"
-    assert {key: root.get(key) for key in ("tests", "failures", "errors")} == {
-        "tests": "3",
-        "failures": "1",
-        "errors": "1",
-    }
-    cases = root.findall("testsuite/testcase")
-    assert [(case.get("classname"), case.get("name")) for case in cases] == [("one", "it")] * 2 + [("two", "run")]
-    failure = cases[1].find("failure")
-    assert failure is not None
-    assert failure.get("message") == "high_level; limit: no trip; when: 250.0 s"
-    assert cases[0].find("failure") is None
-    error = cases[2].find("error")
-    assert error is not None
-    assert error.get("message") == "disk full"
-
-
-@given(st.text(), st.text())
-def test_any_name_and_value_make_a_readable_file(
-    tmp_path_factory: pytest.TempPathFactory, name: str, value: str
-) -> None:
-    path = tmp_path_factory.mktemp("junit") / "out.xml"
-    write_junit(path, [JudgedScenario(name, (LimitVerdict(name, "figure", value, "1", None, False),), 0.0)])
-    root = ElementTree.parse(path)  # noqa: S314 - written a line above
-    assert len(root.findall("testsuite/testcase/failure")) == 1

@@ -303,6 +303,15 @@ def write_atomically(path: Path, content: str | bytes) -> None:
                 temporary.unlink(missing_ok=True)
 
 
+def write_to(path: Path, content: str) -> None:
+    """Replace a file as a whole; a pipe or device, as /dev/stdout, is written to. Raises IncompleteRecordError."""
+    if path.exists() and not path.is_file():
+        with writing(path):
+            path.write_text(content, encoding="utf-8")
+    else:
+        write_atomically(path, content)
+
+
 def versions() -> dict[str, str]:
     """Versions of what the numbers depend on: this program, Python and the libraries; nothing of the machine."""
     return {
