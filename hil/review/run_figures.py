@@ -108,8 +108,8 @@ def actuator_gains(trace: Trace) -> str:
         )
     most = max(float(np.max(trace.ticks[f"theta{pump}"], initial=1.0)) for pump in (1, 2))
     axes.set_ylim(-0.03, 1.12 * most)
-    _label(axes, "share of the gain [1]")
-    _legend(axes)
+    label_axes(axes, "share of the gain [1]")
+    legend(axes)
     return svg(figure, "Actuator gains")
 
 
@@ -130,15 +130,15 @@ def output(number: int, traces: Sequence[Trace]) -> str:
     """Figures 3 and 4: one output with its reference, each strategy a line."""
     figure, (axes,) = panels(1)
     first = traces[0].ticks
-    axes.plot(*_steps(first["t_s"], first[f"r{number}_V"]), color=GREY, dashes=(4, 2), lw=1.2, label="reference")
+    axes.plot(*held(first["t_s"], first[f"r{number}_V"]), color=GREY, dashes=(4, 2), lw=1.2, label="reference")
     target = first[f"target{number}_V"]
     if not np.allclose(target, first[f"r{number}_V"], equal_nan=True, atol=1e-4):
-        axes.plot(*_steps(first["t_s"], target), color=INK, lw=1.0, dashes=(1, 1.5), label="reference in force")
+        axes.plot(*held(first["t_s"], target), color=INK, lw=1.0, dashes=(1, 1.5), label="reference in force")
     for trace in reversed(traces):
         axes.plot(*thin(trace.ticks["t_s"], trace.outputs_V[:, number - 1]), color=trace.color, label=trace.name)
     _mark_alarms(axes, traces[0].events)
-    _label(axes, f"output {number} [V]")
-    _legend(axes)
+    label_axes(axes, f"output {number} [V]")
+    legend(axes)
     return svg(figure, f"Output {number}")
 
 
@@ -152,8 +152,8 @@ def commands(traces: Sequence[Trace]) -> str:
         axes.set_ylim(-0.3, 10.6)
         axes.set_yticks([0, 2.5, 5, 7.5, 10], ["0", "2.5", "5", "7.5", "10"])
         axes.set_title(trace.name, fontsize=9.5, loc="right", color=INK)
-        _label(axes, "command [V]", is_last=axes is rows[-1])
-        _legend(axes)
+        label_axes(axes, "command [V]", is_last=axes is rows[-1])
+        legend(axes)
     return svg(figure, "Command signals")
 
 
@@ -169,8 +169,8 @@ def upper_tanks(trace: Trace, gain_V_cm: float) -> str:
         axes.plot(*thin(times_s, known), color=color, label=f"tank {tank}, {kind}")
     axes.plot([], [], color=GREY, alpha=0.5, lw=0.8, label="measured (pale)")
     axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
-    _label(axes, "level [cm]")
-    _legend(axes)
+    label_axes(axes, "level [cm]")
+    legend(axes)
     return svg(figure, "Upper tanks")
 
 
@@ -182,8 +182,8 @@ def error_so_far(traces: Sequence[Trace]) -> str:
             sums = thin(trace.ticks["t_s"], trace.ticks[f"iae{number}_Vs"])
             axes.plot(*sums, color=trace.color, dashes=dashes, label=trace.name if number == 1 else None)
     axes.set_ylim(bottom=0.0)
-    _label(axes, "IAE so far [V s]")
-    _legend(axes)
+    label_axes(axes, "IAE so far [V s]")
+    legend(axes)
     return svg(figure, "Integral of the absolute error")
 
 
@@ -214,14 +214,16 @@ def panels(count: int) -> tuple[Figure, list[Axes]]:
     return figure, list(grid[:, 0])
 
 
-def _label(axes: Axes, quantity: str, *, is_last: bool = True) -> None:
+def label_axes(axes: Axes, quantity: str, *, is_last: bool = True) -> None:
+    """Name the quantity, and the time beneath the last axes."""
     axes.set_ylabel(quantity)
     if is_last:
         axes.set_xlabel("run time [s]")
     axes.margins(x=0.01)
 
 
-def _legend(axes: Axes) -> None:
+def legend(axes: Axes) -> None:
+    """The legend above the axes, in two columns where it is long."""
     handles, names = axes.get_legend_handles_labels()
     is_long = sum(map(len, names)) + 6 * len(names) > _LEGEND_LETTERS
     axes.legend(
@@ -243,7 +245,7 @@ def _mark_alarms(axes: Axes, events: Sequence[LoggedEvent]) -> None:
             )  # fmt: skip
 
 
-def _steps(times_s: Floats, values: Floats) -> tuple[Floats, Floats]:
+def held(times_s: Floats, values: Floats) -> tuple[Floats, Floats]:
     """A held signal as a line: the corners only."""
     change = np.flatnonzero(np.diff(values)) + 1
     at = np.concatenate(([0], np.repeat(change, 2), [len(values) - 1])) if len(values) else np.empty(0, dtype=int)

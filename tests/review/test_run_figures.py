@@ -66,7 +66,7 @@ def test_a_legend_with_long_names_takes_two_rows() -> None:
     figure, (axes,) = run_figures.panels(1)
     for name in ("reference", "reference in force", "compared run, reconfiguration", "this run, reconfiguration"):
         axes.plot([0.0, 1.0], [0.0, 1.0], label=name)
-    run_figures._legend(axes)
+    run_figures.legend(axes)
     figure.canvas.draw()
     legend = axes.get_legend()
     assert legend is not None
