@@ -75,6 +75,17 @@ def test_a_small_campaign(run_example: Callable[[str], str]) -> None:
     assert "broken invariants: 0" in out
 
 
+@pytest.mark.long
+def test_the_exported_plant_beside_the_emulator(run_example: Callable[[str], str], tmp_path: Path) -> None:
+    out = run_example("plant_elsewhere")
+    samples, difference_cm = re.findall(r"^(\d+) samples, largest difference of a level: (\S+) cm$", out, re.MULTILINE)[
+        0
+    ]
+    assert int(samples) > 5000
+    assert float(difference_cm) < 1e-6
+    assert "<svg" in (tmp_path / "plant_elsewhere.svg").read_text()
+
+
 @pytest.mark.parametrize("file", sorted(EXAMPLES.rglob("*.py")), ids=lambda file: file.stem)
 def test_examples_use_the_public_face_alone(file: Path) -> None:
     text = file.read_text()

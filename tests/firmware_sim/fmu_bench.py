@@ -17,6 +17,7 @@ from fmpy import fmi2
 from firmware_sim import pump_node
 from firmware_sim.faults import Fault
 from firmware_sim.fmu.archive import archive
+from firmware_sim.fmu.variables import variables
 from firmware_sim.rig import Rig
 from firmware_sim.settings import EmulatorSettings
 from firmware_sim.tanks import Tanks
@@ -24,8 +25,10 @@ from tests.firmware_sim.fault_bench import START
 from tests.firmware_sim.sim_bench import SECOND, command
 
 STEP_NS = 100_000_000
+Voltages = Callable[[float], tuple[float, float]]
 LEVELS = tuple(f"true_h{n}_cm" for n in (1, 2, 3, 4))
 VOLUMES = ("pumped_cm3", "drained_cm3", "spilled_cm3", "caught_cm3")
+NAMES = (*LEVELS, *VOLUMES)
 Floats = npt.NDArray[np.float64]
 
 
@@ -139,7 +142,7 @@ class Truths:
 def run_rig(
     settings: EmulatorSettings,
     faults: Sequence[Fault],
-    voltages: Callable[[float], tuple[float, float]],
+    voltages: Voltages,
     end_s: float,
 ) -> Truths:
     """Drive the emulator by commands every 0.1 s."""
@@ -164,3 +167,34 @@ def run_rig(
 
 def values_of(tanks: Tanks) -> list[float]:
     return [*tanks.levels_cm, tanks.pumped_cm3, tanks.drained_cm3, tanks.spilled_cm3, tanks.caught_cm3]
+
+
+def rig_values(settings: EmulatorSettings) -> dict[str, float]:
+    """The parameters and inputs of a unit that make it another rig."""
+    return {one.name: one.start for one in variables(settings) if one.start is not None}
+
+
+def moved(t_s: float) -> tuple[float, float]:
+    """Voltages that change at every step, through the whole range."""
+    return 5.0 + 4.0 * np.sin(0.9 * t_s), (3.0, 0.4, 9.5)[int(t_s / 4.0) % 3]
+
+
+def largest_difference(
+    unit: UnitFile,
+    settings: EmulatorSettings,
+    voltages: Voltages,
+    end_s: float,
+    faults: list[tuple[Fault, list[Change]]] | None = None,
+) -> Any:
+    """Largest difference of every level and volume, (8,), between emulator and unit."""
+    pairs = faults or []
+    truth = run_rig(settings, [one for one, _ in pairs], voltages, end_s)
+    changes = [*truth.changes, *(change for _, changes in pairs for change in changes)]
+    with unit.instance() as instance:
+        instance.start(**rig_values(settings))
+        values = run_unit(instance, changes, truth.samples_ns, NAMES)
+    return np.abs(values - truth.values).max(axis=0)
+
+
+def at_2_s(**inputs: float) -> list[Change]:
+    return [Change(2 * SECOND, inputs)]
