@@ -1,7 +1,8 @@
 """Keeps python-can from loading asammdf, which brings pandas, polars and their threads into every process.
 
 python-can loads it at its own import wherever it is installed, for its reader and writer of MF4 files, which this
-project does not use. A controller would start a second later, with threads that its loop does not need.
+project uses for logs that are replayed only. A controller would start a second later, with threads that its loop does
+not need.
 """
 
 from __future__ import annotations

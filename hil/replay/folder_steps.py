@@ -7,6 +7,7 @@ same for a step that sent nothing, and show whether can.log has gaps.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -45,6 +46,8 @@ def read_folder_steps(folder: RunFolder, command_id: int) -> RecordedSteps:
     delay_ns = _delay_ns(log.time_ns[ours], tick_ns, doubts) if manifest.plan.mode == "live" else 0
     merged = merge(log, ours, ticks, tick_ns, delay_ns)
     doubts += merged.doubts
+    if not merged.steps:
+        raise ReplayError(f"{folder.path}: {folder.can_log_path.name} has no frame of a control step")
     if manifest.recorder.get("dropped"):
         doubts.append(f"the recorder dropped {counted(int(manifest.recorder['dropped']), 'entry', 'entries')}")
     steps = _with_link(_with_stop(merged.steps, manifest), events)
@@ -53,7 +56,7 @@ def read_folder_steps(folder: RunFolder, command_id: int) -> RecordedSteps:
 
 
 def _own_rows(folder: RunFolder, log: FrameLog, command_id: int, doubts: list[str]) -> Ints:
-    """Rows of what the controller sent: those of can.log that sent.log has, too, in its order."""
+    """Rows of what the controller sent: those of can.log that sent.log has, too."""
     candidates = log.rows_of(command_id)
     try:
         find_log(folder.sent_log_path)
@@ -61,15 +64,16 @@ def _own_rows(folder: RunFolder, log: FrameLog, command_id: int, doubts: list[st
         doubts.append("there is no sent.log: every pump command in can.log counts as the controller's own")
         return candidates
     sent = read_candump(folder.sent_log_path)
-    keys = [(int(sent.time_ns[row]), sent.payload(row)) for row in range(len(sent))]
-    rows, at = [], 0
+    left = Counter((int(sent.time_ns[row]), sent.payload(row)) for row in range(len(sent)))
+    rows = []
     for row in candidates.tolist():
-        if at < len(keys) and (int(log.time_ns[row]), log.payload(row)) == keys[at]:
+        key = (int(log.time_ns[row]), log.payload(row))
+        if left[key] > 0:
+            left[key] -= 1
             rows.append(row)
-            at += 1
-    if at < len(keys):
-        lacking = counted(len(keys) - at, "command")
-        doubts.append(f"can.log lacks {lacking} that sent.log has: it is cut off or not in the order of the run")
+    lacking = left.total()
+    if lacking:
+        doubts.append(f"can.log lacks {counted(lacking, 'command')} that sent.log has: those steps are not compared")
     return np.array(rows, dtype=np.int64)
 
 

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from importlib import import_module, reload
+from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 
 import can
 import numpy as np
+from can.io.generic import MessageReader
 
 from hil.core.counted import counted
 from hil.edge.record.log_file import COMPRESSIONS
+from hil.lean_start import LOADER
 from hil.replay.candump_file import read_candump
 from hil.replay.frame_log import ERROR, EXTENDED, FD, REMOTE, Entry, FrameLog, ReplayError, frame_log
 
@@ -43,14 +48,34 @@ def _read_with_reader(path: Path) -> FrameLog:
     entries: list[Entry] = []
     doubts: tuple[str, ...] = ()
     try:
-        with can.LogReader(path) as reader:
+        with _reader(path) as reader:
+            size = getattr(reader, "file_size", None)
             entries.extend(_entries(reader))
+        if isinstance(size, int) and size > path.stat().st_size:  # BLF: its reader ends without a word
+            doubts = (f"{path.name} is cut off: it was {size} bytes, it is {path.stat().st_size}",)
+    except ReplayError:
+        raise
     except Exception as error:  # noqa: BLE001 - the readers raise what they meet, of many kinds, on a damaged file
         what = " ".join(str(error).split())[:200] or type(error).__name__
         if not entries:
             raise ReplayError(f"{path} can't be read as {path.suffix[1:].upper()}: {what}") from None
         doubts = (f"{path.name} can be read up to its frame {len(entries)}, then: {what}",)
     return frame_log(entries, doubts)
+
+
+def _reader(path: Path) -> MessageReader:
+    """Raises ReplayError for MF4 without asammdf."""
+    if path.suffix.lower() != ".mf4":
+        return can.LogReader(path)
+    if find_spec("asammdf") is None:
+        raise ReplayError(f"{path}: MF4 needs asammdf, which is not installed: pip install 'fourtank-hil[mf4]'")
+    reader: MessageReader = mf4_module().MF4Reader(path)
+    return reader
+
+
+def mf4_module() -> ModuleType:
+    """python-can's module for MF4, with asammdf, which `hil.lean_start` keeps out of its first import."""
+    return reload(import_module(LOADER))
 
 
 def _entries(reader: Iterable[can.Message]) -> Iterator[Entry]:

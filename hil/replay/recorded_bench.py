@@ -64,10 +64,12 @@ def recorded_controller(folder: RunFolder, what_if: WhatIf) -> Iterator[Recorded
             raise SettingsError(f"{text}{_hint(settings, what_if)}") from None
 
 
-def named_controller(scenario: str | Path, config_dir: Path | None, what_if: WhatIf) -> RecordedController:
+def named_controller(
+    scenario: str | Path, config_dir: Path | None, what_if: WhatIf, duration_s: float | None
+) -> RecordedController:
     """The controller of a scenario on a rig, for a log. Raises SettingsError."""
     bench = assembly.load(scenario, config_dir, rig=what_if.rig, detector=what_if.detector, law=what_if.law)
-    return RecordedController(bench, assembly.controller_config(bench), clear_trip=False, doubts=())
+    return RecordedController(bench, assembly.controller_config(bench, duration_s), clear_trip=False, doubts=())
 
 
 def _written(place: Path, copies: Mapping[str, str]) -> Path:

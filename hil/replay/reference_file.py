@@ -22,7 +22,7 @@ FORMAT = 1
 
 
 @dataclass(frozen=True, eq=False)
-class Reference:
+class ReplayReference:
     """payloads : of each step, counter 0; b"" where nothing was sent. version : of the program that made it."""
 
     payloads: tuple[bytes, ...]
@@ -35,7 +35,7 @@ def reference_path(record: Path) -> Path:
     return record / "reference.json" if record.is_dir() else record.with_name(record.name + ".reference.json")
 
 
-def read_reference(path: Path, contract: Contract, steps: int) -> Reference | None:
+def read_reference(path: Path, contract: Contract, steps: int) -> ReplayReference | None:
     """None if there is none. steps : of the record. Raises ReplayError for one that does not fit."""
     if not path.is_file():
         return None
@@ -58,7 +58,7 @@ def read_reference(path: Path, contract: Contract, steps: int) -> Reference | No
         raise ReplayError(
             f"{path} is of another record: it has {len(payloads)} steps, the record {steps}; --update makes a new one"
         )
-    return Reference(payloads, alarms, version)
+    return ReplayReference(payloads, alarms, version)
 
 
 def write_reference(path: Path, contract: Contract, payloads: Sequence[bytes], alarms: Sequence[Finding]) -> None:

@@ -20,7 +20,7 @@ from hil.replay.log_steps import read_log_steps, with_late_start
 from hil.replay.open_loop import Replayed, count_of_command, play
 from hil.replay.recorded_bench import RecordedController, WhatIf, named_controller, recorded_controller
 from hil.replay.recorded_steps import NOTHING, RecordedSteps
-from hil.replay.reference_file import Reference, read_reference, reference_path, write_reference
+from hil.replay.reference_file import ReplayReference, read_reference, reference_path, write_reference
 from hil.review.alarms import Finding
 from hil.review.ticks import parse_events
 from hil.wire.contract import Contract
@@ -37,13 +37,15 @@ class ReplayOptions:
     """Options of a replay.
 
     tolerance_V : of voltages; None: one count on the wire, and for a log LOG_TOLERANCE_V. scenario, config_dir : of a
-    log, which has no settings; its rig is that of `what_if`. update : make a new reference.
+    log, which has no settings; its rig is that of `what_if`. duration_s : of a log, in place of the scenario's.
+    update : make a new reference.
     """
 
     what_if: WhatIf = AS_RECORDED
     tolerance_V: float | None = None
     scenario: str | Path | None = None
     config_dir: Path | None = None
+    duration_s: float | None = None
     update: bool = False
 
 
@@ -165,7 +167,7 @@ def _payloads(recorded: RecordedSteps) -> tuple[bytes, ...]:
     return tuple(b"" if step.command == NOTHING else recorded.log.payload(step.command) for step in recorded.steps)
 
 
-def _recorded_alarms(recorded: RecordedSteps, reference: Reference | None) -> tuple[Finding, ...] | None:
+def _recorded_alarms(recorded: RecordedSteps, reference: ReplayReference | None) -> tuple[Finding, ...] | None:
     """Those of the reference, or of the record as far as its steps are replayed."""
     if reference is not None:
         return reference.alarms
@@ -180,7 +182,9 @@ def _controller(path: Path, options: ReplayOptions) -> AbstractContextManager[Re
     if options.scenario is not None:
         if path.is_dir():
             raise ReplayError(f"{path}: a run folder has its own scenario: --scenario is for a log")
-        return nullcontext(named_controller(options.scenario, options.config_dir, options.what_if))
+        return nullcontext(named_controller(options.scenario, options.config_dir, options.what_if, options.duration_s))
+    if options.duration_s is not None:
+        raise ReplayError(f"{path}: --duration is for a log whose scenario is named with --scenario")
     if not path.exists():
         raise ReplayError(f"{path}: there is no such run folder or log")
     folder = path if path.is_dir() else path.parent

@@ -15,6 +15,7 @@ SAME_MEANING = {
     "panel": "as doctor",
     "replay": "as doctor",
     "export": "as doctor",
+    "compare": "as doctor",
     "identify": "the command, and the verdict on records that it asks for",
 }
 """Modules with one name, and why that is no second meaning. The emulator has names of its own."""

@@ -27,6 +27,9 @@ def replay(
         Optional[str],
         typer.Option("--scenario", metavar="FILE", help="Of a log: what ran. A run folder has its own."),
     ] = None,
+    duration: Annotated[
+        Optional[float], typer.Option("--duration", min=0.0, metavar="S", help="Of a log: length that the run had.")
+    ] = None,
     tolerance: Annotated[
         Optional[float],
         typer.Option(
@@ -51,6 +54,6 @@ def replay(
     from hil.replay.recorded_bench import WhatIf
     from hil.replay.replay_run import ReplayOptions
 
-    options = ReplayOptions(WhatIf(rig, detector, law), tolerance, scenario, config, update)
+    options = ReplayOptions(WhatIf(rig, detector, law), tolerance, scenario, config, duration, update)
     with interruptible():
         raise typer.Exit(replay_command.run(Console(), record, options, as_json=as_json, figure=figure))
