@@ -11,6 +11,7 @@ from typing import Any
 
 from hil.bench import assembly, lockstep_run, run_options
 from hil.bench.assembly import Bench, Watcher
+from hil.bench.memory_run import simulate_in_memory
 from hil.bench.run_record import check_complete
 from hil.edge.can.bus import BusAddress
 from hil.edge.config.accept_table import AcceptTable
@@ -91,13 +92,21 @@ def judge_in_lockstep(asked: AcceptanceRun, loaded: Bench | None = None) -> Judg
         bench.scenario.scenario.name,
         folder=asked.out,
         began=began,
-        about=(("mode", "lockstep"), ("seed", str(asked.seed)), ("rig", str(bench.rig_path))),
+        about=_about_lockstep(bench, asked),
     )
     try:
         figures = lockstep_run.simulate(bench, how)
         return _judged(bench, asked, one, figures, time.perf_counter() - began_s)
     except RunFolderError as error:
         return replace(one, error=str(error), duration_s=time.perf_counter() - began_s)
+
+
+def judge_in_memory(asked: AcceptanceRun, bench: Bench) -> JudgedScenario:
+    """As `judge_in_lockstep`, without a run folder. Raises SettingsError before the first step."""
+    began, began_s = datetime.now(), time.perf_counter()
+    result = simulate_in_memory(bench, seed=asked.seed, duration_s=None)
+    one = JudgedScenario(bench.scenario.scenario.name, began=began, about=_about_lockstep(bench, asked))
+    return _with_verdicts(bench, one, result.kpi, time.perf_counter() - began_s)
 
 
 def judge_live(
@@ -134,13 +143,24 @@ def is_end_judged(accepts: Sequence[AcceptTable]) -> bool:
 
 
 def _judged(bench: Bench, asked: AcceptanceRun, one: JudgedScenario, figures: Kpi, duration_s: float) -> JudgedScenario:
-    """The verdicts; an error for a run whose record has gaps, that failed, or that ended where no limit expects it."""
+    """The verdicts; an error for a run that failed, or that ended where no limit expects it.
+
+    Raises IncompleteRecordError for a record with gaps.
+    """
     folder = RunFolder.open(asked.out)
     if asked.report:
         from hil.review.run_report import write_report
 
         write_report(folder)
     check_complete(folder, figures)
+    return _with_verdicts(bench, one, figures, duration_s)
+
+
+def _about_lockstep(bench: Bench, asked: AcceptanceRun) -> tuple[tuple[str, str], ...]:
+    return (("mode", "lockstep"), ("seed", str(asked.seed)), ("rig", str(bench.rig_path)))
+
+
+def _with_verdicts(bench: Bench, one: JudgedScenario, figures: Kpi, duration_s: float) -> JudgedScenario:
     accepts = bench.scenario.accept
     faults: list[Mapping[str, Any]] = [fault.model_dump(mode="json") for fault in bench.scenario.fault]
     found = verdicts(accepts, asdict(figures), faults)

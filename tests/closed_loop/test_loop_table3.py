@@ -10,6 +10,7 @@ from hil.core.types import Pair
 from tests.closed_loop.conftest import Plan, Planned
 from tests.closed_loop.loop_experiment import PAPER, kept, shipped
 from tests.closed_loop.loop_reference import Reference
+from tests.closed_loop.shipped_limits import assert_kept
 
 TABLE3_VS = {
     ("gain_fall", "kept"): (13.07, 9.231),
@@ -99,5 +100,6 @@ def test_the_shipped_ideal_scenario_reproduces_table_3(
         assert kpi.iae_source == "truth"
         assert kpi.iae_Vs[window] == pytest.approx(expected, rel=0.005)
         assert_near(kpi.iae_Vs[window], continuous[gains][window], SHIPPED_PERIOD_S)
+    assert_kept(runs["reconfigured", SHIPPED_PERIOD_S].result().kpi, "paper_ideal")
     middle, fine = (total_error(runs, continuous, period_s) for period_s in (PERIODS_S[-1], SHIPPED_PERIOD_S))
     assert 3.0 < middle / fine < 7.0  # first order: 5, less what the wire's rounding leaves

@@ -1,0 +1,1 @@
+"""Scenarios as tests of pytest: the plugin, and the fixtures that it gives."""
