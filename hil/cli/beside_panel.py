@@ -6,6 +6,7 @@ writes while the panel has the terminal is kept, and written when the panel has 
 
 from __future__ import annotations
 
+import codecs
 import os
 import select
 import shutil
@@ -102,9 +103,16 @@ class BesidePanel:
 
 
 def check_terminal() -> None:
-    """Raise PanelError when standard input or output is no terminal."""
+    """Raise PanelError when standard input or output is no terminal, or one that can't show the panel."""
     if not (os.isatty(0) and os.isatty(1)):
         raise PanelError("the panel needs a terminal; hil panel --web shows it in a browser")
+    if os.environ.get("TERM") == "dumb":
+        raise PanelError("the panel can't place its text in a terminal with TERM=dumb; use hil ctl watch and hil ctl")
+    encoding = getattr(sys.stdout, "encoding", None) or "ascii"
+    if codecs.lookup(encoding).name != "utf-8":
+        raise PanelError(
+            f"the panel draws in UTF-8, and this terminal has {encoding}: set LANG=C.UTF-8, or use hil ctl"
+        )
 
 
 def _is_hung_up() -> bool:

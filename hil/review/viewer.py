@@ -91,7 +91,12 @@ def serve_page(path: Path, opening: Opening, say: Say, *, start_s: float = START
 
 def address_of(page: int, data: int) -> str:
     """The address of the page on port `page` that shows what is served on port `data`."""
-    return f"http://{HOST}:{page}/?url={quote(f'rerun+http://{HOST}:{data}/proxy', safe='')}"
+    return f"http://{HOST}:{page}/?url={quote(live_url(data), safe='')}"
+
+
+def live_url(data: int) -> str:
+    """What a viewer is given to see what is served on port `data`."""
+    return f"rerun+http://{HOST}:{data}/proxy"
 
 
 @contextmanager
@@ -101,7 +106,7 @@ def live_view(data: int, *, is_page: bool, say: Say) -> Iterator[None]:
     A window stays afterwards; the server of a page is ended, and a page that is open keeps what it has. A viewer that
     does not start is no reason to wait: `say` gets what to do then.
     """
-    url = f"rerun+http://{HOST}:{data}/proxy"
+    url = live_url(data)
     page = free_port()
     arguments = [url, "--port", str(free_port()), *(_page(page) if is_page else [])]
     try:

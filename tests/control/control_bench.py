@@ -6,6 +6,7 @@ import os
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from hil.core import controller
@@ -59,11 +60,11 @@ class Bench:
 
 
 @contextmanager
-def control_bench(folder: Path, pid: int | None = None) -> Iterator[Bench]:
-    """pid : a living process that the run says it is; None: this one."""
+def control_bench(folder: Path, pid: int | None = None, period_s: float = 0.0) -> Iterator[Bench]:
+    """pid : a living process that the run says it is; None: this one. period_s : of the steps, if they have one."""
     path = folder / "control.sock"
     with ControlChannel() as channel:
-        channel.open(settings(path, pid), CONFIG)
+        channel.open(replace(settings(path, pid), period_s=period_s), CONFIG)
         bench = Bench(channel, path)
         bench.step(4)
         yield bench

@@ -14,7 +14,7 @@ PAUSE_S = 5e-3
 SHARE = 8
 """At most one part in so many of a period."""
 
-LEAST_PAUSE_S = 5e-4
+MIN_PAUSE_S = 5e-4
 """For shorter ones, so at periods under 4 ms, there is no pause: the system does not wake a process up so exactly."""
 
 
@@ -23,7 +23,7 @@ class StepRhythm:
 
     def __init__(self, period_s: float) -> None:
         pause_s = min(PAUSE_S, period_s / SHARE)
-        self._period_s = period_s if pause_s >= LEAST_PAUSE_S else 0.0
+        self._period_s = period_s if pause_s >= MIN_PAUSE_S else 0.0
         self._pause_s = pause_s
         self._stepped_at_s: float | None = None
 

@@ -1,4 +1,4 @@
-"""`python -m tools.benchmark.realtime [--minutes M] [--only lateness|latency] [--write]`, privileged."""
+"""`python -m tools.benchmark.realtime [--minutes M] [--only lateness|latency|live] [--write]`, privileged."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line."""
     parser = argparse.ArgumentParser("python -m tools.benchmark.realtime", description="How well the loop keeps time.")
     parser.add_argument("--minutes", type=float, default=0.5, help="a period and a peer (default: 0.5; 10 is thorough)")
-    parser.add_argument("--only", choices=("lateness", "latency"), help="one of the two tables")
+    parser.add_argument("--only", choices=("lateness", "latency", "live"), help="one of the tables")
     parser.add_argument("--write", action="store_true", help=f"put the figures into {DOCUMENT.relative_to(ROOT)}")
     options = parser.parse_args(arguments)
     if not 0.01 <= options.minutes <= 600.0:
@@ -26,7 +26,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     plan = sections.Plan(options.minutes)
     console = Console(width=max(Console().width, 150))
     found = []
-    for name, measure in (("lateness", sections.lateness), ("latency", sections.latency)):
+    tables = {"lateness": sections.lateness, "latency": sections.latency, "live": sections.live}
+    for name, measure in tables.items():
         if options.only in (None, name):
             for section in measure(plan):
                 found.append(section)

@@ -7,6 +7,7 @@ whole    the controller in control, on a bus with a node that answers each comma
 from __future__ import annotations
 
 import json
+import os
 import select
 import socket
 import subprocess
@@ -14,7 +15,8 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,6 +27,7 @@ import numpy as np
 from hil import runtime
 from hil.bench import assembly
 from hil.bench.open_record import TimelineSettings, open_record
+from hil.bench.run_options import timeline_of
 from hil.core.controller import ControllerConfig
 from hil.core.types import Event, Quad, TickRecord, Timing
 from hil.edge.can.bus import BusAddress, BusPort
@@ -34,6 +37,7 @@ from hil.edge.host.realtime import RealTime
 from hil.edge.record.recorder_process import ProcessRecorder
 from hil.edge.record.run_folder import RunFolder
 from hil.loop import Outcome
+from hil.review import viewer
 from tools.benchmark.realtime.node import VirtualLine, serve
 
 SCENARIO = """
@@ -170,7 +174,9 @@ def whole(
         applied = stack.enter_context(realtime.applied(RealTime(priority, cpu)))
         period_ns = round(period_s * 1e9)
         clock.sleep_until((clock.now_ns() // period_ns + 1) * period_ns)  # the node relies on it
+        used_s = _processor_s(recorder)
         outcome = runtime.run(loop, port, clock, period_s, lambda: "", applied.housekeeping)
+        used_s = _processor_s(recorder) - used_s
         if outcome.status != "complete":
             raise RuntimeError(f"the run ended {outcome.status}: {outcome.reason}")
         if recorder is not None:
@@ -182,6 +188,7 @@ def whole(
         late_us=1e6 * np.array(watch.late_s[kept]),
         skipped=watch.skipped,
         refusals=applied.refusals,
+        recorder_share=used_s / seconds,
     )
 
 
@@ -192,9 +199,33 @@ def _recorder(kind: str, folder: Path, bench: assembly.Bench, config: Controller
         return
     run = RunFolder.create(folder, assembly.run_plan(bench, is_live=True, seed=None))
     timeline = TimelineSettings(bench.rig.tank_model.level_gain_V_cm, config.duration_s)
+    if kind != "process":
+        timeline = timeline_of(bench.rig, config.duration_s)  # with the picture, as `hil run`
+    port = viewer.free_port() if kind == "live" else None
     with ProcessRecorder() as recorder:
-        recorder.open(run, partial(open_record, run, timeline))
-        yield recorder
+        recorder.open(run, partial(open_record, run, replace(timeline, live_port=port)))
+        with nullcontext() if port is None else _reader(port, folder / "read.rrd"):
+            yield recorder
+
+
+@contextmanager
+def _reader(port: int, path: Path) -> Iterator[None]:
+    """A viewer that takes all that is served, but draws nothing; with the priority of one that `hil` starts."""
+    command = [sys.executable, "-m", "rerun_cli", viewer.live_url(port), "--save", str(path)]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        os.setpriority(os.PRIO_PROCESS, process.pid, viewer.LIVE_NICENESS)
+        try:
+            yield
+        finally:
+            process.kill()
+
+
+def _processor_s(recorder: Any) -> float:
+    """Processor time of the recorder's process so far; 0 without one."""
+    if recorder is None:
+        return 0.0
+    times = Path(f"/proc/{recorder._process.pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(times[11]) + int(times[12])) / os.sysconf("SC_CLK_TCK")
 
 
 @contextmanager

@@ -49,11 +49,12 @@ class Plan:
 
 @dataclass(frozen=True)
 class Measured:
-    """A loop's samples, in microseconds."""
+    """A loop's samples, in microseconds. recorder_share : of a processor, that the recorder's process takes."""
 
     late_us: Samples
     latency_us: Samples
     skipped: int
+    recorder_share: float = 0.0
 
 
 def lateness(plan: Plan) -> list[Section]:
@@ -139,6 +140,39 @@ def latency(plan: Plan) -> list[Section]:
     return [Section("Receive to send", note, columns, rows)]
 
 
+def live(plan: Plan) -> list[Section]:
+    """The controller in control with and without `--live`, in turns."""
+    rows: list[tuple[str, ...]] = []
+    for period_s in PERIODS_S[1:]:
+        found = _recorded_and_not(plan, "slcan", period_s, ("file", "live"))
+        before = found["file"]
+        for name, one in found.items():
+            p50, p99, _, top = _quantiles(one.latency_us)
+            late = [float(np.quantile(m.late_us, 0.99)) for m in (one, before)]
+            ratio = float(np.quantile(one.latency_us, 0.99) / np.quantile(before.latency_us, 0.99))
+            shown = ("", "") if name == "file" else (f"{ratio:.2f}", f"{late[0] / late[1]:.2f}")
+            rows.append(
+                (
+                    f"{1e3 * period_s:g} ms",
+                    "file" if name == "file" else "file and --live",
+                    str(len(one.latency_us)),
+                    *(p50, p99, top, shown[0]),
+                    *(as_time(late[0]), shown[1], str(one.skipped)),
+                    f"{100.0 * one.recorder_share:.1f} %",
+                )
+            )
+    note = (
+        "The whole controller in control under SCHED_FIFO, as in the table on receive to send, on slcan over TCP, with "
+        "everything recorded; in turns without and with the live picture, which one viewer takes that draws nothing. "
+        "Ratios: of the p99, with over without. Recorder: processor time of its process, which serves the picture, too."
+    )
+    columns = (
+        *("period", "record", "steps", "receive to send, p50", "p99", "max", "ratio"),
+        *("lateness p99", "ratio", "skipped", "recorder"),
+    )
+    return [Section("Cost of the live picture", note, columns, rows)]
+
+
 def _in_turns(plan: Plan, period_s: float, has_peer: bool) -> tuple[Samples, Measured]:
     count, turn_s = plan.turns()
     peer: list[Samples] = []
@@ -150,9 +184,11 @@ def _in_turns(plan: Plan, period_s: float, has_peer: bool) -> tuple[Samples, Mea
     return (np.concatenate(peer) if peer else np.empty(0)), _pooled(ours)
 
 
-def _recorded_and_not(plan: Plan, interface: str, period_s: float) -> dict[str, Measured]:
+def _recorded_and_not(
+    plan: Plan, interface: str, period_s: float, kinds: tuple[str, ...] = ("off", "process")
+) -> dict[str, Measured]:
     count, turn_s = plan.turns(LATENCY_SHARE)
-    found: dict[str, list[Measured]] = {"off": [], "process": []}
+    found: dict[str, list[Measured]] = {kind: [] for kind in kinds}
     for _ in range(count):
         for recording, turns in found.items():
             settings = {"loop": "whole", "period_s": period_s, "seconds": turn_s}
@@ -171,7 +207,8 @@ def _measure(plan: Plan, settings: Mapping[str, Any]) -> Measured:
             if len(data["refusals"]):
                 raise RuntimeError(f"no real time, nothing to measure: {data['refusals'][0]}")
             latency_us = data["latency_us"] if "latency_us" in data else np.empty(0)
-            return Measured(data["late_us"], latency_us, int(data["skipped"]))
+            share = float(data["recorder_share"]) if "recorder_share" in data else 0.0
+            return Measured(data["late_us"], latency_us, int(data["skipped"]), share)
 
 
 def _pooled(turns: list[Measured]) -> Measured:
@@ -179,7 +216,10 @@ def _pooled(turns: list[Measured]) -> Measured:
         return np.concatenate([what(turn) for turn in turns])
 
     return Measured(
-        joined(lambda one: one.late_us), joined(lambda one: one.latency_us), sum(one.skipped for one in turns)
+        joined(lambda one: one.late_us),
+        joined(lambda one: one.latency_us),
+        sum(one.skipped for one in turns),
+        float(np.mean([one.recorder_share for one in turns])),
     )
 
 
