@@ -20,6 +20,7 @@ Array = npt.NDArray[Any]
 Flags = npt.NDArray[np.bool_]
 
 PAYLOAD_BITS = 8 * MAX_DATA
+SMALL_BITS = 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,19 +57,18 @@ def decode(log: CanLog, database: Database, messages: Iterable[str] | None = Non
     """
     wanted = database.messages if messages is None else [database.get_message_by_name(name) for name in messages]
     is_data = ~(log.is_remote | log.is_error)
-    payload = np.ascontiguousarray(log.data)
+    payload = np.ascontiguousarray(log.data).view("<u8")[:, 0]
     return {message.name: _table(log, message, is_data, payload) for message in wanted}
 
 
-def _table(log: CanLog, message: Message, is_data: Flags, payload: npt.NDArray[np.uint8]) -> MessageTable:
+def _table(log: CanLog, message: Message, is_data: Flags, payload: npt.NDArray[np.uint64]) -> MessageTable:
     is_here = is_data & (log.arbitration_id == message.frame_id) & (log.is_extended == message.is_extended_frame)
     rows = np.flatnonzero(is_here)
     is_whole = log.length[rows] >= message.length
     too_short = len(rows) - int(np.count_nonzero(is_whole))
     if too_short:
         rows = rows[is_whole]
-    data = payload[rows]
-    words = data.view("<u8")[:, 0], data.view(">u8")[:, 0].astype(np.uint64)
+    words = payload[rows]
     signals: list[Signal] = message.signals
     fits = message.length <= MAX_DATA  # a message of CAN FD has no frame in the log
     return MessageTable(
@@ -82,9 +82,13 @@ def _table(log: CanLog, message: Message, is_data: Flags, payload: npt.NDArray[n
     )
 
 
-def _columns(message: Message, words: tuple[Array, Array]) -> dict[str, Array]:
-    """Values of all signals. words : (n,) payloads as numbers, little-endian and big-endian."""
-    raw = {signal.name: _raw(signal, words) for signal in message.signals}
+def _columns(message: Message, words: npt.NDArray[np.uint64]) -> dict[str, Array]:
+    """Values of all signals. words : (n,) payloads as numbers, the first byte the lowest."""
+    reversed_words = words.byteswap() if any(s.byte_order == "big_endian" for s in message.signals) else words
+    raw = {
+        signal.name: _raw(signal, words if signal.byte_order == "little_endian" else reversed_words)
+        for signal in message.signals
+    }
     columns = {}
     for signal in message.signals:
         values = _in_unit(signal, raw[signal.name])
@@ -93,12 +97,12 @@ def _columns(message: Message, words: tuple[Array, Array]) -> dict[str, Array]:
     return columns
 
 
-def _raw(signal: Signal, words: tuple[Array, Array]) -> Array:
-    """The signal's bits as numbers: uint64, int64 or a float."""
+def _raw(signal: Signal, word: npt.NDArray[np.uint64]) -> Array:
+    """The signal's bits as numbers: int32 where they fit, uint64, int64 or a float. word : in its byte order."""
     if signal.byte_order == "little_endian":
-        word, shift = words[0], signal.start
+        shift = signal.start
     else:  # start is the place of the highest bit, counted within each byte from its lowest one
-        word, shift = words[1], PAYLOAD_BITS - 8 * (signal.start // 8) - 7 + signal.start % 8 - signal.length
+        shift = PAYLOAD_BITS - 8 * (signal.start // 8) - 7 + signal.start % 8 - signal.length
     if shift:
         word = word >> np.uint64(shift)
     if signal.is_float:
@@ -106,8 +110,10 @@ def _raw(signal: Signal, words: tuple[Array, Array]) -> Array:
             return word.astype(f"u{signal.length // 8}").view(f"f{signal.length // 8}").astype(np.float64)
     unused = PAYLOAD_BITS - signal.length
     if signal.is_signed:
-        return (word << np.uint64(unused)).view(np.int64) >> np.int64(unused)
-    return word & np.uint64((1 << signal.length) - 1) if unused else word
+        signed = (word << np.uint64(unused)).view(np.int64) >> np.int64(unused)
+        return signed.astype(np.int32) if signal.length <= SMALL_BITS else signed
+    value = word & np.uint64((1 << signal.length) - 1) if unused else word
+    return value.astype(np.int32) if signal.length < SMALL_BITS else value
 
 
 def _in_unit(signal: Signal, raw: Array) -> Array:
@@ -118,7 +124,7 @@ def _in_unit(signal: Signal, raw: Array) -> Array:
     low, high = (-1 << signal.length - 1, 1 << signal.length - 1) if signal.is_signed else (0, 1 << signal.length)
     ends = [end * int(signal.scale) + int(signal.offset) for end in (low, high - 1)]
     kind = _whole_number_type(min(*ends, low), max(*ends, high - 1))
-    return np.asarray(conversion.raw_to_scaled(raw.astype(kind), decode_choices=False))
+    return np.asarray(conversion.raw_to_scaled(raw.astype(kind, copy=False), decode_choices=False))
 
 
 def _names(signal: Signal) -> dict[float, str]:

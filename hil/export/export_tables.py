@@ -22,6 +22,7 @@ DBC = "bench.dbc"
 EPOCH_TIME = "time since 1970-01-01 00:00 UTC; of a simulated run, since its start"
 RUN_TIME = "run time, as in the table of control steps; NaN if the run had no control step"
 MICROSECONDS = 6
+MAX_NAME = 63
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,6 +155,12 @@ class RunTables:
         except Exception as error:  # noqa: BLE001 - cantools raises its parser's own errors, of many kinds
             reason = str(error).splitlines()[0]
             raise RunFolderError(f"{self.folder.manifest_path}: the copy of {DBC} is not a DBC: {reason}") from None
+
+
+def identifier(name: str) -> str:
+    """A name as a field's name: letters, digits and underscores, a letter first, no longer than MATLAB reads."""
+    plain = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in name)
+    return (plain if plain[:1].isalpha() else f"x{plain}")[:MAX_NAME]
 
 
 def read_run(path: Path) -> RunTables:

@@ -12,7 +12,7 @@ from pathlib import Path
 from hil.edge.control.socket_path import running_runs
 from hil.edge.record.log_file import COMPRESSIONS
 from hil.edge.record.run_folder import IncompleteRecordError, RunFolder, RunFolderError
-from hil.export import columnar_files, log_copy, matlab_file, measurement_file
+from hil.export import columnar_files, log_copy, matlab_file, mcap_file, measurement_file
 from hil.export.export_tables import RunTables, read_run
 
 CANDUMP = "candump"
@@ -57,6 +57,13 @@ FORMATS: dict[str, ExportFormat] = {
         "bus logging with the DBC embedded, decoded signals, control steps, events",
         "asammdf, python-can, CANape, CANoe, vSignalyzer",
         require=measurement_file.require,
+    ),
+    "mcap": ExportFormat(
+        ".mcap",
+        mcap_file.write_mcap,
+        "a topic for each table, events also as a log, messages in Protocol Buffers",
+        "Rerun, Foxglove, PlotJuggler",
+        require=mcap_file.require,
     ),
     "mat": ExportFormat(
         ".mat", matlab_file.write_mat, "one struct `record` with tables and units", "MATLAB, Octave, scipy"

@@ -7,14 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from hil.export.export_tables import ExportColumn, ExportTable, RunTables
+from hil.export.export_tables import ExportColumn, ExportTable, RunTables, identifier
 from hil.export.frame_data import hex_texts
 
 VARIABLE = "record"
 """Name of the struct; `run` is a command of MATLAB."""
-
-MAX_NAME = 63
-"""Characters of a field's name that MATLAB reads."""
 
 
 def write_mat(run: RunTables, out: Path) -> None:
@@ -45,7 +42,7 @@ def write_mat(run: RunTables, out: Path) -> None:
 
 def _columns(table: ExportTable) -> dict[str, Any]:
     """Numbers as they are, whole numbers as float64: MATLAB's integers saturate in a difference."""
-    return {_name(column): _plain(column.values) for column in table.columns}
+    return {identifier(column.name): _plain(column.values) for column in table.columns}
 
 
 def _plain(values: Any) -> Any:
@@ -53,18 +50,14 @@ def _plain(values: Any) -> Any:
 
 
 def _of(tables: list[ExportTable], what: str) -> dict[str, dict[str, str]]:
-    return {table.name: {_name(column): getattr(column, what) for column in table.columns} for table in tables}
+    return {
+        table.name: {identifier(column.name): getattr(column, what) for column in table.columns} for table in tables
+    }
 
 
 def _choices(table: ExportTable) -> dict[str, Any]:
     return {
-        _name(c): np.array([(float(number), text) for number, text in sorted(c.choices.items())], dtype=object)
+        identifier(c.name): np.array([(float(n), text) for n, text in sorted(c.choices.items())], dtype=object)
         for c in table.columns
         if c.choices
     }
-
-
-def _name(column: ExportColumn) -> str:
-    """MATLAB's names begin with a letter and have no dot."""
-    name = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in column.name)
-    return (name if name[:1].isalpha() else f"x{name}")[:MAX_NAME]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
+from collections import Counter
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
@@ -147,7 +149,7 @@ def test_mf4_has_decoded_signals_ticks_and_events(bench_run: RunFolder, mf4: Pat
 
 
 def test_frames_of_mf4_are_those_of_the_log_for_python_can(bench_run: RunFolder, mf4: Path) -> None:
-    with can.LogReader(mf4) as reader:
+    with mf4_reader_of_python_can()(mf4) as reader:
         messages = list(reader)
     found = [(m.arbitration_id, m.is_extended_id, bytes(m.data)) for m in messages]
     expected = frames_of(bench_run)
@@ -156,6 +158,18 @@ def test_frames_of_mf4_are_those_of_the_log_for_python_can(bench_run: RunFolder,
     np.testing.assert_allclose(times_s, [frame[0] * 1e-6 for frame in expected], rtol=0, atol=1e-6)
     sent = read_can_log(bench_run.sent_log_path)
     assert sum(not m.is_rx for m in messages) == len(sent)
+
+
+def mf4_reader_of_python_can() -> Any:
+    """From a second copy of its module: `import hil` keeps asammdf out of the first (`hil.lean_start`)."""
+    import can.io.mf4
+
+    spec = spec_from_file_location("can.io.mf4_with_asammdf", can.io.mf4.__file__)
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.MF4Reader
 
 
 def test_mat_is_a_struct_with_tables_and_units_for_scipy(bench_run: RunFolder, mat: Path) -> None:
@@ -227,3 +241,62 @@ def test_compressed_in_place_all_of_a_folder_is_read_as_before(bench_run: RunFol
     assert read_run(run).is_sent.sum() == read_run(bench_run.path).is_sent.sum() > 0
     with pytest.raises(RunFolderError, match="no log that is not compressed"):
         compress_logs(run, "zst")
+
+
+@pytest.fixture(scope="module")
+def mcap(bench_run: RunFolder, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return exported(bench_run, "mcap", tmp_path_factory.mktemp("mcap"))
+
+
+def test_mcap_has_topics_with_schemas_in_the_order_of_time(bench_run: RunFolder, mcap: Path) -> None:
+    from mcap.reader import make_reader
+
+    with mcap.open("rb") as stream:
+        reader = make_reader(stream)
+        messages = [(schema, channel, message) for schema, channel, message in reader.iter_messages()]
+        metadata = {record.name: record.metadata for record in reader.iter_metadata()}
+        attachments = {record.name: record.data for record in reader.iter_attachments()}
+    times_ns = [message.log_time for _, _, message in messages]
+    assert times_ns == sorted(times_ns)
+    counts = Counter(channel.topic for _, channel, _ in messages)
+    frames = frames_of(bench_run)
+    assert counts["/ticks"] == len(read_ticks(bench_run.ticks_path))
+    assert counts["/frames"] == len(frames) == sum(n for topic, n in counts.items() if topic.startswith("/signals/"))
+    assert {schema.encoding for schema, _, _ in messages if schema} == {"protobuf"}
+    units = {channel.topic: channel.metadata for _, channel, _ in messages}
+    assert units["/ticks"]["unit.h1_V"] == units["/signals/LowerLevels"]["unit.Level1"] == "V"
+    assert units["/signals/PumpStatus"]["choices.State"] == "0: Boot, 1: Ready, 2: Run, 3: Tripped"
+    assert metadata["run"]["scenario"] == "steps"
+    assert attachments["bench.dbc"].decode() == bench_run.manifest().plan.copies["bench.dbc"]
+    assert [message.log_time for _, channel, message in messages if channel.topic == "/frames"] == sorted(
+        frame[0] * 1000 for frame in frames
+    )
+
+
+def test_rerun_decodes_the_messages_of_mcap(bench_run: RunFolder, mcap: Path) -> None:
+    """A reader of Protocol Buffers that is not ours; it shows the events as lines of a log."""
+    found = read_by_rerun(mcap)
+    ticks = read_ticks(bench_run.ticks_path)
+    rows = [row["fourtank.Ticks:message"][0] for row in found["/ticks"]]
+    for name in ticks.columns:
+        np.testing.assert_array_equal([row[name] for row in rows], ticks[name])
+    frames = [row["fourtank.Frames:message"][0] for row in found["/frames"]]
+    assert [
+        (round(f["time_s"] * 1e6), f["arbitration_id"], f["is_extended"], bytes(f["data"])) for f in frames
+    ] == frames_of(bench_run)
+    assert {frame["channel"] for frame in frames} == {"can0"}
+    events = read_events(bench_run.events_path)
+    assert [row["TextLog:text"][0] for row in found["/log"]] == [event.text for event in events]
+    rows = [row["fourtank.Events:message"][0] for row in found["/events"]]
+    assert [json.loads(row["data"]) for row in rows] == [event.data for event in events]
+
+
+def read_by_rerun(path: Path) -> dict[str, list[dict[str, Any]]]:
+    """The rows of each topic."""
+    from rerun.chunk import McapReader
+
+    found: dict[str, list[dict[str, Any]]] = {}
+    for chunk in McapReader(path).stream().to_chunks():
+        if not chunk.is_static:
+            found.setdefault(chunk.entity_path, []).extend(chunk.to_record_batch().to_pylist())
+    return found

@@ -72,12 +72,13 @@ def test_a_folder_without_run_json_is_none(tmp_path: Path) -> None:
         export_run(tmp_path, "csv")
 
 
+@pytest.mark.parametrize("to", ["mf4", "mcap"])
 def test_a_missing_library_is_named_with_its_extra(
-    bench_run: RunFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    bench_run: RunFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, to: str
 ) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda _name: None)
-    with pytest.raises(RunFolderError, match=r"pip install 'fourtank-hil\[mf4\]'"):
-        export_run(bench_run.path, "mf4", tmp_path / "run.mf4")
+    with pytest.raises(RunFolderError, match=rf"pip install 'fourtank-hil\[{to}\]'"):
+        export_run(bench_run.path, to, tmp_path / "out")
     assert not list(tmp_path.iterdir())
 
 
@@ -135,6 +136,14 @@ def test_the_command_names_what_it_wrote(bench_run: RunFolder, tmp_path: Path) -
     )
     assert (result.exit_code, result.stdout.replace("\n", "")) == (0, str(out))
     assert out.stat().st_size > 1000
+
+
+def test_help_and_docs_name_every_format() -> None:
+    page = (Path(__file__).parents[2] / "docs/how-to/export.md").read_text(encoding="utf-8")
+    shown = CliRunner().invoke(app, ["export", "--help"], env={"COLUMNS": "200"}).stdout
+    for name, chosen in FORMATS.items():
+        assert name in shown
+        assert f"| `{name}` | {chosen.content} | {chosen.opened_by} |" in page
 
 
 def test_the_table_of_formats_needs_no_library_of_a_format() -> None:
