@@ -1,6 +1,7 @@
 """The file of the unit: a zip archive that is the same, byte for byte, for the same rig and compiler."""
 
 import hashlib
+import inspect
 import io
 import tempfile
 import zipfile
@@ -32,7 +33,7 @@ def sources(settings: EmulatorSettings) -> dict[str, str]:
     def files(guid: str) -> dict[str, str]:
         written = {name: (resources.files(__package__) / "sources" / name).read_text("utf-8") for name in WRITTEN}
         generated = {
-            "equations.h": _guarded(c_code(equations)),
+            "equations.h": _guarded(c_code(inspect.getsource(equations))),
             "variables.h": c_tables(listed, guid, round(period_s * 1e9)),
         }
         code = {f"sources/{name}": text for name, text in sorted((written | generated).items())}

@@ -7,8 +7,6 @@ double precision.
 """
 
 import ast
-import inspect
-from types import ModuleType
 
 HELPERS = """\
 static double lesser(double a, double b) { return b < a ? b : a; }
@@ -24,9 +22,9 @@ CLOSURE = "Slopes"
 """Annotation of an argument that is an inner function; a call of it gets the structure of that name."""
 
 
-def c_code(module: ModuleType) -> str:
-    """All functions of a module as C. Raises NotImplementedError, with the line, for what is not translated."""
-    tree = ast.parse(inspect.getsource(module))
+def c_code(source: str) -> str:
+    """All functions of a module's source as C. Raises NotImplementedError, with the line, where it can't translate."""
+    tree = ast.parse(source)
     functions = [node for node in tree.body if isinstance(node, ast.FunctionDef)]
     return "\n".join([HELPERS, *(_outer(function) for function in functions)])
 

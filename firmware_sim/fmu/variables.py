@@ -5,7 +5,7 @@ and of the fault kinds, start values from the settings of the rig.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import get_args
 
@@ -139,7 +139,7 @@ def _outputs() -> Iterator[Variable]:
 
 def _fault(kind: type[FaultTable], name: str, unit: str, description: str, start: float) -> Variable:
     low, high = _range(kind, "value")
-    return Variable(name, Causality.INPUT, unit, description, start, low, high)
+    return _within(Variable(name, Causality.INPUT, unit, description, start, low, high))
 
 
 def _setting(
@@ -150,7 +150,13 @@ def _setting(
         low = -high  # the setting's range is that of the magnitude
     if name.startswith("start"):
         low = 0.0
-    return Variable(name, causality, unit, description, start, low, high)
+    return _within(Variable(name, causality, unit, description, start, low, high))
+
+
+def _within(one: Variable) -> Variable:
+    """The variable with a range that has its start value: a drawn one may lie a little outside the settings' range."""
+    start, low, high = one.start or 0.0, one.low or 0.0, one.high or 0.0
+    return replace(one, low=min(low, start), high=max(high, start))
 
 
 def _range(table: type[Table], key: str) -> tuple[float, float]:

@@ -10,7 +10,8 @@ import pytest
 
 from firmware_sim.faults import Fault, pump_faults, sensor_faults, tank_faults
 from firmware_sim.faults.catalogue import kinds_in
-from firmware_sim.fmu.variables import INPUT_OF_KIND
+from firmware_sim.fmu.variables import INPUT_OF_KIND, variables
+from firmware_sim.parameter_spread import drawn
 from firmware_sim.settings import equilibrium_cm
 from tests.firmware_sim.fault_bench import fault
 from tests.firmware_sim.fmu_bench import (
@@ -163,3 +164,18 @@ def test_the_step_of_the_other_side_does_not_matter(unit: UnitFile) -> None:
     assert np.array_equal(ends[0], ends[2])
     assert np.abs(ends[3] - ends[0])[:4].max() < 1e-6
     assert ends[3] == pytest.approx(ends[0], rel=3e-4)
+
+
+def test_drawn_parameters_are_those_of_the_seed(unit: UnitFile) -> None:
+    """Also where a drawn value lies outside the range of the setting."""
+    settings = emulator(
+        pumps={"lag_s": 60.0, "lag_spread": 0.5}, sensors={"scale_error": 0.1}, tanks={"start_V": [2.5, 2.5]}
+    ).model_copy(update={"parameter_spread": 0.1})
+    one = rig_values(drawn(settings, 1))
+    truth = run_rig(settings, [], moved, 10.0)
+    with unit.instance() as instance:
+        instance.start(**one | {name: min(one[name], 60.0) for name in ("lag1_s", "lag2_s")})
+        assert instance.get(*LEVELS) == pytest.approx(truth.values[0][:4], abs=1e-12)
+    lags = [variable for variable in variables(drawn(settings, 1)) if variable.name in ("lag1_s", "lag2_s")]
+    assert max(lag.start or 0.0 for lag in lags) > 60.0
+    assert all(lag.low == 0.0 and lag.start is not None and lag.high == max(60.0, lag.start) for lag in lags)

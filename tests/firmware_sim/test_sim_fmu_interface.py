@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from fmpy.validation import validate_fmu
 
 from firmware_sim import cli
 from firmware_sim.fmu.archive import archive, sources
+from firmware_sim.fmu.c_from_python import c_code
 from firmware_sim.fmu.compiler import CompilerError
 from firmware_sim.fmu.export import export, left_out
 from tests.firmware_sim.fault_bench import fault
@@ -193,3 +195,26 @@ def test_bad_input_of_the_command(
         cli.main()
     assert end.value.code == 2
     assert capsys.readouterr().err.startswith(f"firmware-sim: {message}")
+
+
+def test_a_step_past_the_stop_time_is_refused(unit: UnitFile) -> None:
+    with unit.instance() as instance:
+        instance.slave.setupExperiment(startTime=1.0, stopTime=2.0)
+        instance.start()
+        instance.step(SECOND, 2 * SECOND)
+        with pytest.raises(FMICallException):
+            instance.step(2 * SECOND, 3 * SECOND)
+        assert instance.messages == ["fmi2DoStep: the step ends at 3 s, after the stop time of 2 s"]
+
+
+def test_what_has_no_translation_is_refused_with_its_line() -> None:
+    with pytest.raises(NotImplementedError, match=re.escape("f, line 2: 'x ** 2' has no translation to C")):
+        c_code("def f(x: float) -> float:\n    return x**2\n")
+    with pytest.raises(NotImplementedError, match="while x:"):
+        c_code("def f(x: float) -> float:\n    while x:\n        x = 0.0\n    return x\n")
+
+
+def test_a_parallel_assignment_uses_the_old_values() -> None:
+    """Its translation must not change h1 before h2 is computed from it."""
+    code = c_code("def f(h1: float, h2: float) -> float:\n    h1, h2 = h2, h1\n    return h1 - h2\n")
+    assert re.search(r"new0 = h2;\s+const double new1 = h1;\s+h1 = new0;\s+h2 = new1;", code)

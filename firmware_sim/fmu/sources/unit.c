@@ -19,7 +19,7 @@ typedef struct {
     fmi2CallbackFunctions callbacks;
     char *name;
     Mode mode;
-    double start_s;
+    double start_s, stop_s; /* stop_s is infinite when there is none */
     Plant plant;
 } Unit;
 
@@ -88,6 +88,7 @@ static void set_up(Unit *unit)
     }
     unit->mode = INSTANTIATED;
     unit->start_s = 0.0;
+    unit->stop_s = INFINITY;
     plant_start(&unit->plant);
     plant_follow_faults(&unit->plant);
 }
@@ -177,6 +178,7 @@ FMI_FUNCTION(fmi2Status, fmi2SetupExperiment)(fmi2Component c, fmi2Boolean has_t
         return refuse(unit, "stop time %g is before start time %g", stop, start);
     }
     unit->start_s = start;
+    unit->stop_s = has_stop ? stop : INFINITY;
     return fmi2OK;
 }
 
@@ -354,6 +356,10 @@ FMI_FUNCTION(fmi2Status, fmi2DoStep)(fmi2Component c, fmi2Real now_s, fmi2Real s
     if (away > POSITION_TOLERANCE_NS || away < -POSITION_TOLERANCE_NS) {
         return refuse(unit, "fmi2DoStep: the step begins at %.9g s, but the unit is at %.9g s", now_s,
                       unit->start_s + (double)unit->plant.now / NS_PER_S);
+    }
+    if (now_s + step_s > unit->stop_s + POSITION_TOLERANCE_NS / NS_PER_S) {
+        return refuse(unit, "fmi2DoStep: the step ends at %.9g s, after the stop time of %.9g s", now_s + step_s,
+                      unit->stop_s);
     }
     to = whole_ns(now_s - unit->start_s + step_s);
     if (plant_advance(&unit->plant, to, unit->callbacks.allocateMemory, unit->callbacks.freeMemory) != 0) {
