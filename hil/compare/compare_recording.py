@@ -18,12 +18,12 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from hil.compare.compared_run import ComparedRun, CompareError
-from hil.compare.overlaid_figures import COLORS
 from hil.core.types import Mode
 from hil.edge.record.rerun_log import APPLICATION, TIMELINE, series, time_column
 from hil.edge.record.run_folder import RunFolderError
 from hil.edge.record.run_states import STATES, pump_state
-from hil.review.blueprint import PLOT_BACKGROUND, PLOTS
+from hil.edge.record.signals import AMBER, BLUE, GREEN, GREY, ORANGE, PURPLE
+from hil.review.blueprint import PLOT_BACKGROUND, PLOTS, LinkedBlueprint, linked_axis
 from hil.review.kpi import level_gain, output_levels
 
 OVERLAID = {
@@ -42,7 +42,11 @@ COLUMNS = {
     **{f"level{tank}": f"h{tank}_est_V" for tank in (3, 4)},
 }
 BESIDE = ("levels/tank1", "levels/tank2", "pumps/pump1", "pumps/pump2", "pumps/effectiveness")
+COLORS = (BLUE, ORANGE, GREEN, PURPLE, AMBER, 0x4FC3C7FF, 0xE57FA8FF, GREY)
+"""Of the runs, in their order, for a dark background; after the last they come again."""
+
 WIDTH = 1.6
+CORNER = rrb.PlotLegend(corner=rrb.Corner2D.RightBottom)
 
 
 def write_recording(path: Path, runs: Sequence[ComparedRun]) -> None:
@@ -79,18 +83,22 @@ def tree_names(names: Sequence[str]) -> list[str]:
 
 
 def layout(runs: Sequence[ComparedRun], trees: Sequence[str]) -> rrb.Blueprint:
-    """Tabs: the runs over each other, side by side, and the log and states of each."""
+    """Tabs: the runs over each other, side by side, and the log and states of each. All plots share one time range."""
     begin_s = min(float(run.times_s[0]) for run in runs)
     end_s = max(float(run.times_s[-1]) for run in runs)
-    span = rr.TimeRange(
-        start=rr.TimeRangeBoundary.absolute(seconds=begin_s), end=rr.TimeRangeBoundary.absolute(seconds=end_s)
-    )
-    axis = rrb.TimeAxis(view_range=span)
+    start, end = (rr.TimeRangeBoundary.absolute(seconds=at_s) for at_s in (begin_s, end_s))
+    axis = linked_axis(rr.TimeRange(start=start, end=end))
 
     def plot(contents: list[str], name: str, range_: tuple[float, float] | None = None) -> rrb.TimeSeriesView:
         scale = None if range_ is None else rrb.ScalarAxis(range=range_)
         return rrb.TimeSeriesView(
-            origin="/", contents=contents, name=name, axis_x=axis, axis_y=scale, background=PLOT_BACKGROUND
+            origin="/",
+            contents=contents,
+            name=name,
+            axis_x=axis,
+            axis_y=scale,
+            background=PLOT_BACKGROUND,
+            plot_legend=CORNER,
         )
 
     over = [plot([f"/{tree}/overlaid/{name}" for tree in trees], title) for name, title in OVERLAID.items()]
@@ -111,7 +119,8 @@ def layout(runs: Sequence[ComparedRun], trees: Sequence[str]) -> rrb.Blueprint:
         )
         for tree in trees
     ]
-    return rrb.Blueprint(
+    return LinkedBlueprint(
+        axis,
         rrb.Tabs(
             rrb.Vertical(*pairs, name="Over each other"),
             rrb.Horizontal(*beside, name="Side by side"),
@@ -168,7 +177,7 @@ def _changes(states: Sequence[str]) -> Iterator[int]:
 
 
 def _log_overlaid(recording: rr.RecordingStream, run: ComparedRun, tree: str, place: int) -> None:
-    color = int(COLORS[place % len(COLORS)].lstrip("#") + "ff", 16)
+    color = COLORS[place % len(COLORS)]
     times = time_column(run.times_s)
     try:
         outputs_V = output_levels(run.ticks, _level_gain(run))

@@ -110,8 +110,8 @@ def value_text(value: Value) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        is_whole = value.is_integer() and abs(value) < 1e9
-        return f"{value + 0.0:.0f}" if is_whole else f"{value:.4g}"
+        is_whole = value.is_integer() or abs(value) >= 1000.0
+        return f"{value + 0.0:.0f}" if is_whole and abs(value) < 1e9 else f"{value:.4g}"
     return "–" if value is None else value
 
 
@@ -119,7 +119,7 @@ def ratio_text(ratio: float | None) -> str:
     """A ratio with three digits; nothing where there is none."""
     if ratio is None:
         return ""
-    return f"× {ratio:.3g}" if abs(ratio) < 1000.0 else f"× {ratio:.0f}"
+    return f"× {ratio:.0f}" if abs(ratio) >= 100.0 else f"× {ratio:#.3g}"
 
 
 def _figures(runs: Sequence[ComparedRun]) -> str:

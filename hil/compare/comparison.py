@@ -45,7 +45,20 @@ class Comparison:
             notes.append(f"the control periods differ: {shown}; each run is drawn at its own steps")
         if len({run.kpi.iae_source for run in self.runs if len(run.ticks)}) > 1:
             notes.append("the IAE is from true levels for some runs, and from estimated ones for others")
+        notes += self._unequal_windows()
         return tuple(notes)
+
+    def _unequal_windows(self) -> list[str]:
+        """Windows that some runs have recorded longer than others: their integrals can't be compared as they are."""
+        found = []
+        drawn = [run for run in self.runs if len(run.ticks)]
+        spare_s = 2.0 * max((run.manifest.plan.period_s for run in drawn), default=0.0)
+        for window in dict.fromkeys(name for run in drawn for name in run.kpi.iae_covered_s):
+            parts_s = [run.kpi.iae_covered_s[window] for run in drawn if window in run.kpi.iae_covered_s]
+            if max(parts_s) - min(parts_s) > spare_s:
+                shown = ", ".join(f"{part_s:.4g}" for part_s in parts_s)
+                found.append(f"of the window {window} the runs have different parts ({shown} s): mind it at their IAE")
+        return found
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready values."""

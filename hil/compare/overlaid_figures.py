@@ -21,6 +21,9 @@ DASHES = ((), (5, 2), (2, 2), (7, 2, 2, 2))
 FIRST_WIDTH = 2.6
 """Of the first run, in points: it is seen beneath the others where they are the same."""
 
+MARK_HEIGHT = 0.035
+"""Of the marks of alarms and trips, as a share of the axes."""
+
 MAX_NAMED = 12
 """Runs in a legend."""
 
@@ -80,7 +83,8 @@ def _outputs_of(run: ComparedRun) -> Floats:
 
 
 def _columns(runs: Sequence[ComparedRun], column: str, title: str, quantity: str, caption: str) -> OverlaidFigure:
-    return OverlaidFigure(title, caption, _drawn(runs, lambda run: run.ticks.get(column), quantity, title))
+    low = -0.03 if column.startswith("theta") else None
+    return OverlaidFigure(title, caption, _drawn(runs, lambda run: run.ticks.get(column), quantity, title, low=low))
 
 
 def _drawn(
@@ -89,7 +93,9 @@ def _drawn(
     quantity: str,
     title: str,
     before: Callable[[Axes], None] | None = None,
+    low: float | None = None,
 ) -> str:
+    """The figure as SVG. before : draws beneath the runs. low : lower end of a share's axis, which ends above 1."""
     figure, (axes,) = panels(1)
     if before is not None:
         before(axes)
@@ -103,6 +109,8 @@ def _drawn(
             )  # fmt: skip
     if len(runs) > MAX_NAMED:
         axes.plot([], [], color=INK, lw=0.0, label=f"and {len(runs) - MAX_NAMED} more")
+    if low is not None:
+        axes.set_ylim(low, max(axes.get_ylim()[1], 1.12))
     _mark(axes, runs)
     label_axes(axes, quantity)
     if any(run.zero_s for run in runs):
@@ -117,11 +125,12 @@ def look(place: int) -> tuple[str, tuple[int, ...]]:
 
 
 def _mark(axes: Axes, runs: Sequence[ComparedRun]) -> None:
-    """Short marks on the time axis: first reports of alarms in the run's colour, trips in red."""
+    """Short marks above the time axis, a row for each run: first reports of alarms in its colour, trips in red."""
     for place, run in enumerate(runs[:MAX_NAMED]):
         color, _ = look(place)
         numbers = {e.data.get("number", e.t_s): e.t_s for e in reversed(run.events) if e.code == "alarm"}
         trips = {event.t_s for event in run.events if event.code == "trip"}
-        for times_s, ink, height in ((set(numbers.values()), color, 0.05), (trips, RED, 0.09)):
+        low = MARK_HEIGHT * place
+        for times_s, ink in ((set(numbers.values()), color), (trips, RED)):
             for t_s in sorted(times_s):
-                axes.axvline(t_s - run.zero_s, 0.0, height, color=ink, lw=2.0, alpha=0.8)
+                axes.axvline(t_s - run.zero_s, low, low + MARK_HEIGHT, color=ink, lw=2.2)

@@ -140,15 +140,15 @@ class _Layout:
         self._in_white = {
             one.entity for one in drawn if any(signal.curve and signal.curve.color == WHITE for signal in one.signals)
         }
-        self.axis = _linked(None)
+        self.axis = linked_axis(None)
         if end_s is not None and isfinite(end_s):
             start, end = (rr.TimeRangeBoundary.absolute(seconds=at_s) for at_s in (begin_s, end_s))
-            self.axis = _linked(rr.TimeRange(start=start, end=end))
+            self.axis = linked_axis(rr.TimeRange(start=start, end=end))
 
     def follow(self) -> None:
         """Let the time axis end at the time cursor."""
         begin = rr.TimeRangeBoundary.cursor_relative(seconds=-FOLLOWED_S)
-        self.axis = _linked(rr.TimeRange(start=begin, end=rr.TimeRangeBoundary.cursor_relative()))
+        self.axis = linked_axis(rr.TimeRange(start=begin, end=rr.TimeRangeBoundary.cursor_relative()))
 
     def overview(self) -> rrb.Vertical:
         """Levels, pump voltages, effectiveness, states and log on one sheet."""
@@ -245,7 +245,7 @@ class _Layout:
         )
 
 
-def _linked(span: rr.TimeRange | None) -> rrb.TimeAxis:
+def linked_axis(span: rr.TimeRange | None) -> rrb.TimeAxis:
     """The time axis of each view; one that can't be linked opens on the same range."""
     return rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal, view_range=span)
 

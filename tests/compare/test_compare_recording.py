@@ -23,6 +23,7 @@ def test_a_recording_has_a_tree_for_each_run(runs: Path, tmp_path: Path) -> None
         for entity in ("levels/tank1", "pumps/pump2", "states/mode", "log", "overlaid/output1"):
             assert f"/{tree}/{entity}" in shown
     assert "/bare" not in shown
+    assert "/view/5c0dca6a-e63f-9cf7-f657-2602590474cc/TimeAxis" in shown, "the range that all plots share"
 
 
 def test_names_of_trees_are_plain_and_different() -> None:

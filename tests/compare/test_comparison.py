@@ -105,7 +105,8 @@ def test_periods_that_differ_killed_and_empty_runs_are_said_in_a_line_each(runs:
     notes = "\n".join(comparison.notes)
     assert "killed: unfinished" in notes
     assert "bare: no control step" in notes
-    assert len(comparison.notes) == 3
+    assert "of the window gain_fall the runs have different parts (11.6" in notes
+    assert len(comparison.notes) == 4
     status = {row.key: row for row in comparison.rows}["status"]
     assert status.values == ("complete", "complete", "interrupted", "interrupted")
 
