@@ -48,8 +48,8 @@ def _show(console: Console, result: ReplayResult) -> None:
 
 def _alarm_table(result: ReplayResult) -> Table:
     table = Table(title="alarms", title_justify="left")
-    table.add_column("not in a log" if result.recorded_alarms is None else "recorded", overflow="fold")
-    table.add_column("today", overflow="fold")
+    for name in result.columns:
+        table.add_column(name, overflow="fold")
     recorded, today = result.recorded_alarms or (), result.replayed_alarms
     for at in range(max(len(recorded), len(today))):
         table.add_row(*(in_words(ones[at]) if at < len(ones) else "" for ones in (recorded, today)))

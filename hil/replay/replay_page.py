@@ -26,7 +26,7 @@ def replay_page(result: ReplayResult) -> str:
         (_said(result.recorded_alarms or (), at), _said(result.replayed_alarms, at))
         for at in range(max(len(result.recorded_alarms or ()), len(result.replayed_alarms)))
     ]
-    alarms = page.table(("recorded" if result.recorded_alarms is not None else "", "today"), rows) if rows else ""
+    alarms = page.table(result.columns, rows) if rows else ""
     body = head + f'<div class="figures">{figures}</div>' + page.section("Alarms", alarms)
     return page.document(
         f"Replay of {result.where.name}", body + page.section("Not exact", page.bullets(result.doubts))
@@ -34,7 +34,8 @@ def replay_page(result: ReplayResult) -> str:
 
 
 def _caption(result: ReplayResult) -> str:
-    text = "Grey: recorded, in colour: today's controller on the recorded frames. Below: today's less recorded."
+    text = f"Grey: recorded, in colour: {result.columns[1]}, on the recorded frames. Below: their difference."
+    text += " Vertical lines: alarms, those of the record dashed." if result.replayed_alarms else ""
     return text + (" The red line is the first difference." if result.comparison and result.comparison.first else "")
 
 
@@ -43,7 +44,7 @@ def _commands(result: ReplayResult) -> str:
     times_s, recorded_V, replayed_V = _voltages(result)
     figure, (first, second, third) = panels(3)
     for axes, pump, color in ((first, 0, BLUE), (second, 1, ORANGE)):
-        was, now = "reference" if result.reference_version else "recorded", "today"
+        was, now = "reference" if result.reference_version else "recorded", result.columns[1]
         axes.plot(*thin(times_s, recorded_V[:, pump]), color=GREY, lw=3.2, alpha=0.45, label=was)
         axes.plot(*thin(times_s, replayed_V[:, pump]), color=color, lw=1.2, label=now)
         axes.set_ylabel(f"pump {pump + 1} [V]")

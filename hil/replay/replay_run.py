@@ -78,6 +78,12 @@ class ReplayResult:
         return self.comparison is None or (self.comparison.first is None and not self.alarm_difference)
 
     @property
+    def columns(self) -> tuple[str, str]:
+        """What stands beside each other, in words."""
+        before = "not in a log" if self.recorded_alarms is None else "recorded"
+        return "reference" if self.reference_version else before, "what if" if self.comparison is None else "today"
+
+    @property
     def step_s(self) -> list[float]:
         """Run time of each step; NaN outside of control."""
         times = zip(self.recorded.steps, self.replayed.step_s, strict=True)
