@@ -8,7 +8,6 @@ from dataclasses import asdict
 from datetime import datetime
 from functools import cached_property
 from math import nan
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hil.core.counted import counted
@@ -119,15 +118,17 @@ class RecordedRun:
     @cached_property
     def frames(self) -> DataFrame:
         """Every CAN frame of `can.log`: channel, identifier, message (by the DBC), kind, length, data."""
-        from hil.data.can_log import read_can_log
+        from hil.data.can_log import can_log_blocks
         from hil.data.run_tables import frames_table
 
         names = {message.frame_id: message.name for message in self.database.messages if not message.is_extended_frame}
-        return frames_table(read_can_log(self._folder.can_log_path), self._zero_s, names)
+        return frames_table(can_log_blocks(self._folder.can_log_path), self._zero_s, names)
 
     @cached_property
     def signals(self) -> Mapping[str, DataFrame]:
         """Message name -> its decoded signals, a row for each frame; a message is decoded at its first use."""
+        from hil.data.decoded_messages import DecodedMessages
+
         return DecodedMessages(self._folder.can_log_path, self.database, self._zero_s)
 
     @cached_property
@@ -260,8 +261,9 @@ class RecordedRun:
             return
         for key in ("alarms", "trips"):
             yield key, str(len(self.figures.get(key, ())))
-        for window in self.windows[self.windows["covered_s"] > 0.0].itertuples():
-            yield f"IAE {window.Index}", f"{window.iae1_Vs:.3f}, {window.iae2_Vs:.3f} V s"
+        for name, (first_Vs, second_Vs) in self.figures.get("iae_Vs", {}).items():
+            if self.figures.get("iae_covered_s", {}).get(name, 0.0) > 0.0:
+                yield f"IAE {name}", f"{first_Vs:.3f}, {second_Vs:.3f} V s"
 
     @cached_property
     def _signals(self) -> Any:
@@ -283,37 +285,3 @@ class RecordedRun:
                 f"{self.path}: run.json has no time of the run's start, so its frames have no run time"
             )
         return zero_s
-
-
-class DecodedMessages(Mapping[str, "DataFrame"]):
-    """Message name -> its signals as a data frame. A message is decoded when it is first asked for, and then kept."""
-
-    def __init__(self, log: Path, database: Any, zero_s: float) -> None:
-        self._log, self._database, self._zero_s = log, database, zero_s
-        self._tables: dict[str, DataFrame] = {}
-
-    def __getitem__(self, name: str) -> DataFrame:
-        if name not in self._tables:
-            if name not in set(self):
-                raise KeyError(f"the DBC has no message {name!r}; it has {', '.join(self)}")
-            self._tables[name] = self._read(name)
-        return self._tables[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return (message.name for message in self._database.messages)
-
-    def __len__(self) -> int:
-        return len(self._database.messages)
-
-    def __repr__(self) -> str:
-        return f"<signals of {', '.join(self)}>"
-
-    def _read(self, name: str) -> DataFrame:
-        """The frames of one message alone, block by block, so that a long log does not have to fit into memory."""
-        from hil.data.can_log import can_log_blocks, joined
-        from hil.data.decode import decode
-        from hil.data.run_tables import message_table
-
-        frame_id = self._database.get_message_by_name(name).frame_id
-        blocks = [block[block.arbitration_id == frame_id] for block in can_log_blocks(self._log)]
-        return message_table(decode(joined(blocks), self._database, [name])[name], self._zero_s)

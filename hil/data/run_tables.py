@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hil.data.can_log import CanLog
+from hil.data.can_log import CanLog, joined
 from hil.edge.record.run_folder import RunMode
 from hil.edge.record.signals import Signal, recorded
 from hil.review.alarms import Finding
@@ -77,35 +77,62 @@ def alarms_table(findings: Sequence[Finding]) -> DataFrame:
     return with_units(pd.DataFrame(columns), {name: "s" for name in columns if name.endswith("_s")})
 
 
-def frames_table(log: CanLog, zero_s: float, names: Mapping[int, str]) -> DataFrame:
+def frames_table(blocks: Iterable[CanLog], zero_s: float, names: Mapping[int, str]) -> DataFrame:
     """One row for each frame: identifier, message (by the DBC), length, data as bytes, kind.
 
-    zero_s : time since the epoch at run time 0. names : identifier of 11 bits -> message. Data bytes are one Arrow
-    array, so that a million frames take 30 MB.
+    blocks : of one log, in its order. zero_s : time since the epoch at run time 0. names : identifier of 11 bits ->
+    message. A frame takes 30 bytes.
     """
     import pandas as pd
 
     known = sorted(names)
-    places = np.searchsorted(known, log.arbitration_id) if known else np.zeros(len(log), dtype=np.int64)
-    places = np.minimum(places, max(len(known) - 1, 0))
-    is_known = np.array(known, dtype=np.uint32)[places] == log.arbitration_id if known else np.zeros(len(log), bool)
-    codes = np.where(is_known & ~log.is_extended & ~log.is_error, places, -1).astype(np.int16)
-    kinds = np.where(log.is_error, 3, np.where(log.is_remote, 2, log.is_extended.astype(np.int8))).astype(np.int8)
-    columns: dict[str, Any] = {
-        TIME: log.time_s - zero_s,
-        "channel": pd.Categorical.from_codes(log.channel.astype(np.int16), categories=list(log.channels)),
-        "arbitration_id": log.arbitration_id,
-        "message": pd.Categorical.from_codes(codes, categories=[names[one] for one in known]),
-        "kind": pd.Categorical.from_codes(kinds, categories=["data", "extended", "remote", "error"]),
-        "length": log.length,
-        "data": _payloads(log),
+    channels: tuple[str, ...] = ()
+    pieces: list[dict[str, Any]] = []
+    for block in blocks:
+        channels = block.channels
+        pieces.append(_frame_columns(block, zero_s, np.array(known, dtype=np.uint32)))
+    columns = _joined(pieces or [_frame_columns(joined(()), zero_s, np.array(known, dtype=np.uint32))])
+    categories = {
+        "channel": list(channels),
+        "message": [names[one] for one in known],
+        "kind": ["data", "extended", "remote", "error"],
     }
+    for name, of in categories.items():
+        columns[name] = pd.Categorical.from_codes(columns[name], categories=of)
+    columns["data"] = _payloads(columns.pop("carried"), columns["data"])
     return indexed(columns, {TIME: "s", "length": "byte"})
 
 
-def message_table(table: MessageTable, zero_s: float) -> DataFrame:
-    """The signals of one message, a row for each of its frames."""
-    return indexed({TIME: table.time_s - zero_s, **table.columns}, {TIME: "s", **table.units})
+def _frame_columns(log: CanLog, zero_s: float, known: Any) -> dict[str, Any]:
+    """Columns of some frames as numbers. data : of all, one after the other; carried : how many bytes of each."""
+    places = np.minimum(np.searchsorted(known, log.arbitration_id), max(len(known) - 1, 0))
+    is_known = known[places] == log.arbitration_id if len(known) else np.zeros(len(log), dtype=bool)
+    carried = np.where(log.is_remote, 0, log.length).astype(np.uint8)
+    return {
+        TIME: log.time_s - zero_s,
+        "channel": log.channel.astype(np.int16),
+        "arbitration_id": log.arbitration_id,
+        "message": np.where(is_known & ~log.is_extended & ~log.is_error, places, -1).astype(np.int16),
+        "kind": np.where(log.is_error, 3, np.where(log.is_remote, 2, log.is_extended)).astype(np.int8),
+        "length": log.length,
+        "carried": carried,
+        "data": log.data[np.arange(log.data.shape[1]) < carried[:, None]],
+    }
+
+
+def _joined(pieces: list[dict[str, Any]]) -> dict[str, Any]:
+    """The pieces one after the other, column by column, so that there is never a second copy of all of them."""
+    return {name: np.concatenate([piece.pop(name) for piece in pieces]) for name in list(pieces[0])}
+
+
+def message_table(tables: Iterable[MessageTable], zero_s: float) -> DataFrame:
+    """The signals of one message, a row for each of its frames. tables : of the blocks of one log, at least one."""
+    pieces: list[dict[str, Any]] = []
+    units: Mapping[str, str] = {}
+    for table in tables:
+        units = table.units
+        pieces.append({TIME: table.time_s - zero_s, **table.columns})
+    return indexed(_joined(pieces), {TIME: "s", **units})
 
 
 def flat(values: Mapping[str, Any], name: str) -> Series:
@@ -127,19 +154,14 @@ def _paths(value: Any, path: str) -> Iterable[tuple[str, Any]]:
         yield path, value
 
 
-def _payloads(log: CanLog) -> Any:
-    """The data of the frames, each as long as its frame says; remote and error frames have none of their own."""
+def _payloads(length: Any, data: Any) -> Any:
+    """Bytes of each frame as a column. length : (n,), of each. data : (sum of length,), one after the other."""
     import pandas as pd
     import pyarrow as pa
 
-    length = np.where(log.is_remote, 0, log.length).astype(np.int32)
-    offsets = np.zeros(len(log) + 1, dtype=np.int32)
+    offsets = np.zeros(len(length) + 1, dtype=np.int32)
     np.cumsum(length, out=offsets[1:])
-    if len(log) and bool((length == log.data.shape[1]).all()):
-        data = np.ascontiguousarray(log.data)
-    else:
-        data = log.data[np.arange(log.data.shape[1]) < length[:, None]]
-    array = pa.Array.from_buffers(pa.binary(), len(log), [None, pa.py_buffer(offsets), pa.py_buffer(data)])
+    array = pa.Array.from_buffers(pa.binary(), len(length), [None, pa.py_buffer(offsets), pa.py_buffer(data)])
     return pd.arrays.ArrowExtensionArray(array)
 
 
