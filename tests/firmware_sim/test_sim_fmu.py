@@ -28,6 +28,9 @@ from tests.firmware_sim.fmu_bench import (
 )
 from tests.firmware_sim.sim_bench import ROOT, SECOND, emulator, shipped
 
+ROUNDING = 1e-9
+"""In cm and cm3."""
+
 
 def test_the_unit_starts_where_the_emulator_does(unit: UnitFile) -> None:
     with unit.instance() as instance:
@@ -35,7 +38,7 @@ def test_the_unit_starts_where_the_emulator_does(unit: UnitFile) -> None:
 
 
 def test_levels_and_volumes_are_those_of_the_emulator(unit: UnitFile) -> None:
-    assert largest_difference(unit, shipped(), moved, 30.0).max() < 1e-6
+    assert largest_difference(unit, shipped(), moved, 30.0).max() < ROUNDING
 
 
 RIGS: dict[str, dict[str, dict[str, Any]]] = {
@@ -56,7 +59,7 @@ RIGS: dict[str, dict[str, dict[str, Any]]] = {
 @pytest.mark.parametrize("rig", RIGS)
 def test_a_rig_as_it_is_acts_as_in_the_emulator(unit: UnitFile, rig: str) -> None:
     settings = emulator(**RIGS[rig])
-    assert largest_difference(unit, settings, moved, 20.0).max() < 1e-6
+    assert largest_difference(unit, settings, moved, 20.0).max() < ROUNDING
 
 
 def test_overflow_and_empty_tanks_are_reached() -> None:
@@ -72,7 +75,7 @@ def test_tanks_that_run_empty_are_those_of_the_emulator(unit: UnitFile) -> None:
     truth = run_rig(settings, [], lambda _t_s: (0.0, 0.0), 20.0)
     assert truth.values[-1][2:4].tolist() == [0.0, 0.0]
     assert truth.values[0][2:4].min() > 0.05
-    assert largest_difference(unit, settings, lambda _t_s: (0.0, 0.0), 20.0).max() < 1e-6
+    assert largest_difference(unit, settings, lambda _t_s: (0.0, 0.0), 20.0).max() < ROUNDING
 
 
 FAULTS: dict[str, tuple[Fault, list[Change]]] = {
@@ -88,7 +91,7 @@ FAULTS: dict[str, tuple[Fault, list[Change]]] = {
 
 @pytest.mark.parametrize("kind", FAULTS)
 def test_a_fault_input_acts_as_the_fault_of_the_emulator(unit: UnitFile, kind: str) -> None:
-    assert largest_difference(unit, shipped(), moved, 10.0, [FAULTS[kind]]).max() < 1e-6
+    assert largest_difference(unit, shipped(), moved, 10.0, [FAULTS[kind]]).max() < ROUNDING
     healthy = run_rig(shipped(), [], moved, 10.0)
     with unit.instance() as instance:
         values = run_unit(instance.start(), [*healthy.changes, *FAULTS[kind][1]], healthy.samples_ns, LEVELS)
@@ -98,7 +101,7 @@ def test_a_fault_input_acts_as_the_fault_of_the_emulator(unit: UnitFile, kind: s
 def test_faults_together_with_low_outlets_and_delay(unit: UnitFile) -> None:
     settings = emulator(tanks={"datum_cm": 2.0}, pumps={"delay_s": 0.3})
     together = [FAULTS[kind] for kind in ("leak", "outlet_block", "valve_split", "pump_effectiveness")]
-    assert largest_difference(unit, settings, moved, 20.0, together).max() < 1e-6
+    assert largest_difference(unit, settings, moved, 20.0, together).max() < ROUNDING
 
 
 def test_every_fault_of_process_and_sensors_has_its_input_or_none(unit: UnitFile) -> None:
