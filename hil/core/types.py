@@ -340,6 +340,8 @@ class Diagnosis:
     down slowly afterwards. possible_V : (4,) the levels that the pumps would have caused without it, which the tanks
     may have if the sensors are what is wrong; None if nothing is unknown.
     possible : what the rig may be while an alarm has been unresolved for some seconds; empty otherwise.
+    flow_V : (2,) drive of a pump as its file has it that would give what each pump gives now, with lag and curve as
+    learned, V; 0 where that is not well known, and on a rig that is as its file says.
     """
 
     effectiveness: Pair = (1.0, 1.0)
@@ -364,6 +366,7 @@ class Diagnosis:
     unknown_s: float = 0.0
     possible_V: Quad | None = None
     possible: tuple[PossibleRig, ...] = ()
+    flow_V: Pair = (0.0, 0.0)
 
     @property
     def has_fault(self) -> bool:

@@ -7,7 +7,7 @@ import pytest
 from hil.core.diagnosis.glr import declaration, strength
 from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE
 from hil.core.diagnosis.glr.memory import Memory, Suspicion
-from hil.core.diagnosis.glr.model import SCALE, ZONE
+from hil.core.diagnosis.glr.model import PUMP, SCALE, ZONE
 from hil.core.types import Alarm, Measurement
 from tests.glr.glr_bench import DETECTOR
 
@@ -80,3 +80,21 @@ def test_what_shows_late_is_not_the_rig_s_own() -> None:
     m = a_memory(1.2, 0.01)
     m.t_s = m.begun_s + strength.REPORT_S + 1.0
     assert alarms_of(m, 30.0) == []
+
+
+@pytest.mark.parametrize(
+    ("share", "lagged_V", "std", "is_wide", "flow_V"),
+    [
+        (1.3, 3.0, 0.02, True, 3.9),
+        (1.3, 3.0, 0.02, False, 0.0),
+        (1.3, 3.0, 0.08, True, 0.0),
+        (1.3, 14.0, 0.02, True, 15.0),
+    ],
+)
+def test_what_a_pump_gives_now_is_told_to_the_interlocks(
+    share: float, lagged_V: float, std: float, *, is_wide: bool, flow_V: float
+) -> None:
+    """A pump with a third more flow at 10 V than at 2 V looked like a shut outlet at a step up: trip high_level."""
+    m = a_memory(share, std)
+    m.x[PUMP], m.P[PUMP, PUMP], m.is_wide = lagged_V, 1e-6, is_wide
+    assert strength.flow_V(m)[0] == pytest.approx(flow_V)

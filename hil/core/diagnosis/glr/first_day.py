@@ -18,12 +18,11 @@ from math import inf
 
 import numpy as np
 
-from hil.core.diagnosis.glr import kernels
-from hil.core.diagnosis.glr.declaration import IDLE_V
+from hil.core.diagnosis.glr import kernels, own_verdict
 from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE, StepResult
-from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, LAGS, PUMPS, jumps_of
+from hil.core.diagnosis.glr.hypotheses import BOTH, LAGS, PUMPS, jumps_of
 from hil.core.diagnosis.glr.memory import DetectorConfig, Memory, Wide
-from hil.core.diagnosis.glr.model import BIAS, GAIN, LEAK, OUTLET, PUMP, SCALE, ZONE, Array
+from hil.core.diagnosis.glr.model import GAIN, LAG, OUTLET, PUMP, SCALE, ZONE, Array
 from hil.core.diagnosis.glr.refilter import RING
 
 WIDE_SHARE = 0.5
@@ -33,29 +32,15 @@ KEEP_BESIDE, RENEW_S = 0.1, 60.0
 """Once the wide filter is the main one, the filter beside it believes this share of what was learned; it begins again
 after this time."""
 
-MOVED_V, BEFORE_STEPS = 0.5, 10
-"""A rig that is not as its file says shows that when a voltage moves, by this at least, since so many steps before."""
-
-BEGIN_S, OWN_STDS = 1.0, 2.0
-"""A pump whose gain or lag differs since so soon after the first readings is no fault, if it differs by no more than so
-many standard deviations of the wide filter."""
-
-MAX_STDS = 4.0
-"""Small leaks of an upper tank are learned up to so many standard deviations in all."""
-
-SMALL = 0.1
-"""On a rig that is proven not to be as its file says, a smaller jump while a voltage moves corrects the model."""
-
-SMALL_NEAR_ZONE, NEAR_ZONE_V = 0.2, 1.0
-"""So does a larger one of a pump whose voltage has been below this a little before: a dead zone ends in a bend."""
-
 REFUTED_STDS, REFUTE_S, REFUTE_HOLD_S, REFUTE_STEPS = 3.0, 300.0, 5.0, 10
 """A rig is not as its file says if a pump's gain or an outlet turns out to be so many of the file's standard deviations
 off, within this time: later that is a fault that grows. And for so long: before a large fault is found, the filter
 follows it for some steps. It is looked at every so many steps."""
 
-MINOR = 0.15
-"""On such a rig, a smaller declared fault may be the rig's own, and does not end its learning."""
+STILL_V = 0.1
+"""A lag shows in what a pump still has to follow. With less, its estimate in a wide filter only follows those of the
+other parameters: in the ramp of a start phase it went from twice to a twentieth of the file's, with a true one of three
+times, so that the end of the ramp was a fault."""
 
 _OF_RIG = np.array([SCALE, SCALE + 1, *range(OUTLET, OUTLET + 4)])
 _RESULT = StepResult.empty()
@@ -72,14 +57,14 @@ def step(config: DetectorConfig, m: Memory, log_likelihood: float) -> None:
             m.relearned_s = age_s
             m.restart_bank()
             return
-        if m.wide is not None and m.suspicion is None and (m.now - m.wide.began) * float(m.entry[PERIOD]) > RENEW_S:
+        if m.wide is not None and m.max_ratio < tuning.calm and _is_old(m, m.wide):
             m.wide = None
     if m.wide is None:
-        if m.suspicion is None and _is_learned_on(m):  # what follows a fault is no matter of the rig's own
+        if m.suspicion is None and own_verdict.is_learned_on(m):  # what follows a fault is no matter of the rig's own
             m.wide = _begin(config, m)
         return
     wide = m.wide
-    likelihood = kernels.filter_step(config.model, wide.x, wide.P, m.entry, _RESULT)
+    likelihood = filter_step(config, wide.x, wide.P, m.entry, _RESULT)
     wide.lead[m.now % RING] = wide.lead[(m.now - 1) % RING] + likelihood - log_likelihood
     age_s = (m.now - wide.began) * float(m.entry[PERIOD])
     is_due = tuning.relearn_from_s <= age_s < tuning.relearn_until_s and age_s >= 2.0 * wide.relearned_s
@@ -88,6 +73,18 @@ def step(config: DetectorConfig, m: Memory, log_likelihood: float) -> None:
         wide.relearned_s = age_s
     if not m.is_wide and m.now % REFUTE_STEPS == 0:
         _watch_file(config, m, wide)
+
+
+def filter_step(config: DetectorConfig, x: Array, P: Array, entry: Array, result: StepResult) -> float:
+    """One step of a wide filter, in place; the log-likelihood of the readings. A lag that does not show stays."""
+    lags, variances = x[LAG : LAG + 2].tolist(), P.diagonal()[LAG : LAG + 2].tolist()
+    gaps_V = [kernels.flow_voltage(x, j, entry[VOLTAGE + j])[0] - x[PUMP + j] for j in range(2)]
+    likelihood: float = kernels.filter_step(config.model, x, P, entry, result)
+    for j in range(2):
+        if abs(gaps_V[j]) < STILL_V:
+            x[LAG + j], P[LAG + j, LAG + j] = lags[j], variances[j]
+            result.K[LAG + j] = 0.0
+    return likelihood
 
 
 def _watch_file(config: DetectorConfig, m: Memory, wide: Wide) -> None:
@@ -113,74 +110,18 @@ def explains_alarm(config: DetectorConfig, m: Memory) -> bool:
     if explains(config, m, onset, m.max_ratio):
         return True
     wide = m.wide
-    if _is_idle(m, leader, onset) and all(float(m.bank.match[j, slot]) < 0.0 for j in jumps_of(leader)):
+    if own_verdict.is_idle(m, leader, onset) and all(float(m.bank.match[j, slot]) < 0.0 for j in jumps_of(leader)):
         if wide is not None and wide.lead[m.now % RING] >= 0.0:
             _become_main(m, wide)
         m.restart_bank()
         return True
-    if wide is None or leader not in (*PUMPS, BOTH, *LAGS) or not _is_from_begin(m, onset):
+    if wide is None or leader not in (*PUMPS, BOTH, *LAGS) or not own_verdict.is_from_begin(m, onset):
         return False
     gains, stds = wide.x[SCALE : SCALE + 2], config.wide_prior[SCALE : SCALE + 2]
-    if np.any(np.abs(gains - 1.0) > OWN_STDS * stds) or wide.lead[m.now % RING] < 0.0:
+    if np.any(np.abs(gains - 1.0) > own_verdict.OWN_STDS * stds) or wide.lead[m.now % RING] < 0.0:
         return False
     _become_main(m, wide)
     return True
-
-
-def is_own(config: DetectorConfig, m: Memory, winner: int) -> bool:
-    """Whether a verdict says what the rig has always been, so that it is learned and not reported.
-
-    That is a lag that is as the file says within its uncertainty; a pump that differs since the first readings by no
-    more than pumps do; and, on a rig that is proven not to be as its file says, a small jump while a voltage moves.
-    """
-    r, jumps = m.replays, jumps_of(winner)
-    if any(j in m.declared for j in jumps):
-        return False
-    states = [JUMPS[j].state for j in jumps]
-    if winner in LAGS and float(r.x[winner, states[0]]) <= 1.0 + float(config.prior[states[0]]):
-        return True
-    onset = int(r.onset[winner])
-    if not _is_learned_on(m) or max(states) >= BIAS:
-        return False
-    if max(states) >= LEAK:
-        std = float(config.wide_prior[states[0]])
-        size = float(r.x[winner, states[0]] - r.before[winner, states[0]])
-        return m.is_wide and size <= OWN_STDS * std and float(r.x[winner, states[0]]) <= MAX_STDS * std
-    sizes = [abs(float(r.x[winner, state] - r.before[winner, state])) for state in states]
-    if winner in (*PUMPS, BOTH, *LAGS) and _is_from_begin(m, onset):
-        spans = [config.wide_prior[state if winner in LAGS else SCALE + state - GAIN] for state in states]
-        return all(size <= OWN_STDS * span for size, span in zip(sizes, spans, strict=True))
-    most = SMALL_NEAR_ZONE if _has_left_zone(m, winner, onset) else SMALL
-    return m.is_wide and winner not in LAGS and max(sizes) <= most and _moved_by(m, onset) >= MOVED_V
-
-
-def shows_nothing(m: Memory, winner: int) -> bool:
-    """Whether a verdict says that a pump gives less, and it has hardly been driven since: that is a dead zone."""
-    r = m.replays
-    jumps = jumps_of(winner)
-    states = [JUMPS[j].state for j in jumps]
-    is_less = bool(np.all(r.x[winner, states] < r.before[winner, states]))
-    return is_less and _is_idle(m, winner, int(r.onset[winner])) and not any(j in m.declared for j in jumps)
-
-
-def _is_idle(m: Memory, number: int, onset: int) -> bool:
-    """Whether a hypothesis is about pumps whose voltage has not shown what they give since a step.
-
-    Only on a rig that is proven not to be as its file says. On another one it hid an empty reservoir from two pumps
-    at rest, and the first that started then ran dry for 3 s.
-    """
-    if number not in (*PUMPS, BOTH) or not m.is_wide:
-        return False
-    steps = np.arange(max(onset, m.now - RING + 1, 1), m.now + 1) % RING
-    return all(float(m.history.entries[steps, VOLTAGE + j].max()) < IDLE_V for j in jumps_of(number))
-
-
-def _has_left_zone(m: Memory, winner: int, onset: int) -> bool:
-    """Whether a hypothesis is about pumps whose voltage was near their dead zone a little before a step, or since."""
-    if winner not in (*PUMPS, BOTH):
-        return False
-    steps = np.arange(max(onset - BEFORE_STEPS, m.now - RING + 1, 1), m.now + 1) % RING
-    return all(float(m.history.entries[steps, VOLTAGE + j].min()) < NEAR_ZONE_V for j in jumps_of(winner))
 
 
 def fold_gain(m: Memory, pump: int) -> None:
@@ -193,17 +134,8 @@ def fold_gain(m: Memory, pump: int) -> None:
     m.P[:] = T @ m.P @ T.T
 
 
-def _is_learned_on(m: Memory) -> bool:
-    """Whether the rig goes on to be learned: no sensor is lost, and no more than lags and what is MINOR is declared.
-
-    The latter on a rig that is proven not to be as its file says.
-    """
-    return not m.lost and all(j in LAGS or (m.is_wide and abs(one.size) <= MINOR) for j, one in m.declared.items())
-
-
-def _is_from_begin(m: Memory, onset: int) -> bool:
-    """Whether a step is so early that what begins there may have been there before the first reading."""
-    return m.time_of(onset) - m.begun_s <= BEGIN_S
+def _is_old(m: Memory, wide: Wide) -> bool:
+    return m.suspicion is None and (m.now - wide.began) * float(m.entry[PERIOD]) > RENEW_S
 
 
 def _become_main(m: Memory, wide: Wide) -> None:
@@ -225,16 +157,10 @@ def explains(config: DetectorConfig, m: Memory, onset: int, ratio: float) -> boo
         return False
     is_early = m.t_s - m.begun_s < config.tuning.first_learning_s
     lead = wide.lead[m.now % RING] - wide.lead[max(onset, wide.began, m.now - RING + 1) % RING]
-    if lead < WIDE_SHARE * ratio or not (is_early or _moved_by(m, onset) >= MOVED_V):
+    if lead < WIDE_SHARE * ratio or not (is_early or own_verdict.moved_by(m, onset) >= own_verdict.MOVED_V):
         return False
     _become_main(m, wide)
     return True
-
-
-def _moved_by(m: Memory, onset: int) -> float:
-    """By how many volts a pump's voltage has moved since a little before a step."""
-    steps = np.arange(max(onset - BEFORE_STEPS, m.now - RING + 1, 1), m.now + 1) % RING
-    return float(np.max(np.ptp(m.history.entries[steps, VOLTAGE : VOLTAGE + 2], axis=0)))
 
 
 def _begin(config: DetectorConfig, m: Memory) -> Wide:

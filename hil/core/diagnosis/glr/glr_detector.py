@@ -169,7 +169,10 @@ class GlrDetector:
         model, entry = self.config.model, m.entry
         if m.growing != NO_GROWTH:
             kernels.grow(m.x, m.P, m.growing, entry[PERIOD])
-        likelihood = kernels.filter_step(model, m.x, m.P, entry, m.result)
+        if m.is_wide:
+            likelihood = first_day.filter_step(self.config, m.x, m.P, entry, m.result)
+        else:
+            likelihood = kernels.filter_step(model, m.x, m.P, entry, m.result)
         m.history.no_jump[m.now % RING] = likelihood
         if m.unknown is None:
             first_day.step(self.config, m, likelihood)
@@ -224,6 +227,7 @@ class GlrDetector:
                 open_question=ambiguity.open_question(self.config, m),
                 hidden_cm=hidden_cm,
                 possible=possible.rigs(self.config, m),
+                flow_V=strength.flow_V(m),
             )
         stuck = [j in m.declared and m.declared[j].kind == "pump_stuck_on" for j in PUMPS]
         distrusted = [m.distrusted(i) for i in range(4)]
@@ -253,6 +257,7 @@ class GlrDetector:
             open_question=ambiguity.open_question(self.config, m),
             hidden_cm=hidden_cm,
             possible=possible.rigs(self.config, m),
+            flow_V=strength.flow_V(m),
         )
 
     def _is_diverged(self, m: Memory, level_cm: float) -> bool:

@@ -18,6 +18,7 @@ from hil.core.diagnosis.glr import (
     hidden_level,
     kernels,
     onsets,
+    own_verdict,
     rollback,
     stuck_check,
     unknown,
@@ -54,6 +55,9 @@ PLAIN = -1
 VARIANT_MARGIN = 1.0
 """By how much another variant of a hypothesis must explain the readings better to take its place."""
 
+QUIET_S, FIRST_S = 5.0, 2.0
+"""What may be the rig's own is learned after the first time, unless a fault explains the readings better by then."""
+
 FAR_BEHIND = 0.25
 """A hypothesis with less than this share of the leader's ratio has no onset worth its own replay."""
 
@@ -62,14 +66,14 @@ def suspect(m: Memory) -> None:
     """Raise an alarm: put one filter a hypothesis at the onset that the bank finds likeliest for it.
 
     Hypotheses with much smaller ratios begin at the leader's onset: theirs may be long ago, and long replays cost time.
-    If the leader may be a fault that is known already, no alarm is raised before the verdict.
+    If the leader may be a fault that is known already, no alarm is raised before the verdict; if it may be the rig's
+    own, not for a short time.
     """
     leader = int(np.argmax(m.best.ratio))
-    number = None
-    if not any(j in m.declared for j in jumps_of(leader)):
+    m.suspicion = Suspicion(number=None, detected_s=m.t_s, is_quiet=own_verdict.may_be_own(m))
+    if not m.suspicion.is_quiet and not any(j in m.declared for j in jumps_of(leader)):
         m.alarms += 1
-        number = m.alarms
-    m.suspicion = Suspicion(number=number, detected_s=m.t_s)
+        m.suspicion.number = m.alarms
     slots = []
     for number in range(H + 1):
         own = m.best.slot[number] >= 0 and m.best.ratio[number] >= FAR_BEHIND * m.max_ratio
@@ -88,6 +92,7 @@ def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Ala
         return _candidates(m, suspicion, _likely_by_bank(config, m))
     evidence, order = _evidence(m)
     suspicion.leader = order[0]
+    _speak(config, m, suspicion)
     state = JUMPS[order[0]].state if order[0] != BOTH else GAIN
     is_bias, is_drift = BIAS <= state < DRIFT, state >= DRIFT
     is_seen = m.now - int(r.onset[order[0]]) >= (tuning.min_drift_steps if is_drift else tuning.min_steps)
@@ -114,6 +119,9 @@ def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Ala
         winner = None
     if winner is not None and not is_overtaken and ambiguity.is_drift_or_level(config, m, winner, is_late=is_late):
         winner = None
+    if not m.is_doubtful and (winner is not None or m.t_s - suspicion.detected_s >= QUIET_S):
+        own = own_verdict.own_instead(config, m, order[0])
+        winner = winner if own is None else own
     likeliest = order[0] if is_possible else int(np.argmax(r.evidence[: H + 1]))
     best = likeliest if winner is None else winner
     if not m.is_doubtful and unknown.fits_badly(m, best, at_fit=_has_explained(config, m, best)):
@@ -127,13 +135,27 @@ def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Ala
     if winner is not None:
         return _settle(config, m, suspicion, winner, order)
     small = ambiguity.leading_small(m, evidence[order[0]]) if is_late else None
-    if small is not None and first_day.is_own(config, m, small) and not unknown.fits_badly(m, small, at_fit=False):
+    if small is not None and own_verdict.is_own(config, m, small) and not unknown.fits_badly(m, small, at_fit=False):
         return _settle(config, m, suspicion, small, order)
     _drop(config, m, evidence)
     if is_late:
         return _still_open(m, suspicion, _open_candidates(m, evidence))
     likely = [number for number in order if evidence[number] >= evidence[order[0]] - tuning.margin]
     return _candidates(m, suspicion, likely + _likely_by_bank(config, m))
+
+
+def _speak(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> None:
+    """Raise the alarm of a quiet suspicion when nothing that may be the rig's own is near the likeliest fault.
+
+    What is near a sensor's fault counts for the first seconds only.
+    """
+    if not suspicion.is_quiet or suspicion.leader is None:
+        return
+    own = own_verdict.own_near if m.t_s - suspicion.detected_s < FIRST_S else own_verdict.own_instead
+    if own(config, m, suspicion.leader) is not None:
+        return
+    m.alarms += 1
+    suspicion.number, suspicion.detected_s, suspicion.is_quiet = m.alarms, m.t_s, False
 
 
 def _still_open(m: Memory, suspicion: Suspicion, likely: list[int]) -> list[Alarm]:
@@ -239,11 +261,13 @@ def _settle(config: DetectorConfig, m: Memory, suspicion: Suspicion, winner: int
     again with the bank: a fault that has begun meanwhile is then seen from its onset on.
     """
     r, has_moved = m.replays, ambiguity.has_moved(m)
-    if first_day.shows_nothing(m, winner):
+    if own_verdict.shows_nothing(m, winner):
         m.suspicion = None
         m.restart_bank()
         return [] if suspicion.number is None else [declaration.withdrawn(m, suspicion.number, ())]
-    is_own = first_day.is_own(config, m, winner)
+    is_own = own_verdict.is_own(config, m, winner)
+    if suspicion.is_quiet:
+        suspicion.detected_s = m.t_s  # nobody has heard of it before
     m.suspicion = None
     before, onset = r.before[winner].copy(), int(r.onset[winner])
     m.checkpoint = _checkpoint(m, onset)

@@ -14,7 +14,7 @@ from hil.core.diagnosis.glr import kernels
 from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE
 from hil.core.diagnosis.glr.hypotheses import PUMPS
 from hil.core.diagnosis.glr.memory import Memory, Strength
-from hil.core.diagnosis.glr.model import BEND, SCALE, ZONE
+from hil.core.diagnosis.glr.model import BEND, GAIN, PUMP, SCALE, ZONE
 from hil.core.types import Alarm, Pair
 
 MIN_DIFFERENCE, CHANGE = 0.1, 0.05
@@ -30,6 +30,9 @@ MIN_VOLTAGE_V = 1.0
 REPORT_S = 300.0
 """A difference that shows later than this after the first reading is not the rig's own. A sensor that drifts slowly
 moves what the filter knows of the pumps, and a name would hide it from the watch of the inflow."""
+
+MAX_FLOW_STD, MAX_FLOW_V = 0.05, 15.0
+"""What a pump gives now counts if it is known so well, as a share, and up to this."""
 
 MAX_STRENGTH = 2.0
 """The control law assumes no more."""
@@ -56,6 +59,26 @@ def effectiveness(m: Memory) -> Pair:
     """(2,) what each pump gives over what its file says, as reported; 1 if nothing was."""
     first, second = (m.strength[pump].share if pump in m.strength else 1.0 for pump in PUMPS)
     return first, second
+
+
+def flow_V(m: Memory) -> Pair:  # noqa: N802 - a unit
+    """(2,) drives of pumps as their file has them that would give what these give now; 0 where that is not well known.
+
+    Only on a rig that is proven not to be as its file says.
+    """
+    if not m.is_wide or m.unknown is not None:
+        return 0.0, 0.0
+    first, second = (_flow_V(m, pump) for pump in PUMPS)
+    return first, second
+
+
+def _flow_V(m: Memory, pump: int) -> float:  # noqa: N802 - a unit
+    states = [SCALE + pump, GAIN + pump, PUMP + pump]
+    scale, gain, lagged_V = m.x[states].tolist()
+    slope = np.array([gain * lagged_V, scale * lagged_V, scale * gain])
+    given_V = float(scale * gain * lagged_V)
+    std_V = sqrt(max(float(slope @ m.P[np.ix_(states, states)] @ slope), 0.0))
+    return min(given_V, MAX_FLOW_V) if std_V <= MAX_FLOW_STD * given_V else 0.0
 
 
 def _report(m: Memory, pump: int, share: float, std: float) -> Alarm:

@@ -126,6 +126,8 @@ def declare(
 ) -> list[Alarm]:
     """Nothing explains the readings: withdraw the names since the checkpoint, let the filter follow the readings."""
     number = suspicion.number
+    if suspicion.is_quiet:
+        suspicion.detected_s = m.t_s
     if number is None:
         m.alarms += 1
         number = m.alarms

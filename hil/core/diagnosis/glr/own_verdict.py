@@ -1,0 +1,166 @@
+"""Whether a verdict says what the rig has always been: then it is learned, and not reported.
+
+On a rig that is proven not to be as its file says, what may be its own is likelier than a fault that explains the
+readings no better.
+Why: `docs/decisions/0040-what-was-always-so.md`, `docs/decisions/0043-learning-goes-on.md`,
+`docs/decisions/0054-own-before-a-fault.md`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hil.core.diagnosis.glr.declaration import IDLE_V
+from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE
+from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, LAGS, PUMPS, jumps_of
+from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
+from hil.core.diagnosis.glr.model import BIAS, GAIN, LEAK, SCALE
+from hil.core.diagnosis.glr.refilter import RING
+
+MOVED_V, BEFORE_STEPS, BEFORE_S = 0.5, 10, 1.0
+"""A rig that is not as its file says shows that when a voltage moves, by this at least, since so many steps before, or
+since this time before if that is more: a pump follows with its lag."""
+
+BEGIN_S, OWN_STDS = 1.0, 2.0
+"""A pump whose gain or lag differs since so soon after the first readings is no fault, if it differs by no more than so
+many standard deviations of the wide filter."""
+
+MAX_STDS = 4.0
+"""Small leaks of an upper tank are learned up to so many standard deviations in all."""
+
+SMALL = 0.1
+"""On a rig that is proven not to be as its file says, a smaller jump while a voltage moves corrects the model."""
+
+SMALL_RISE = 0.15
+"""So does a larger one with which a pump gives more: no fault does that, but one that has stuck seems to."""
+
+SMALL_NEAR_ZONE, NEAR_ZONE_V = 0.2, 1.0
+"""So does a larger one of a pump whose voltage has been below this a little before: a dead zone ends in a bend."""
+
+MINOR = 0.15
+"""A smaller declared fault may be the rig's own, and does not end its learning."""
+
+
+def is_own(config: DetectorConfig, m: Memory, winner: int) -> bool:
+    """Whether a verdict says what the rig has always been, so that it is learned and not reported.
+
+    That is a lag that is as the file says within its uncertainty; a pump that differs since the first readings by no
+    more than pumps do; and, on a rig that is proven not to be as its file says, a small jump while a voltage moves.
+    """
+    r, jumps = m.replays, jumps_of(winner)
+    if any(j in m.declared for j in jumps):
+        return False
+    states = [JUMPS[j].state for j in jumps]
+    if winner in LAGS and float(r.x[winner, states[0]]) <= 1.0 + float(config.prior[states[0]]):
+        return True
+    onset = int(r.onset[winner])
+    sizes = [float(r.x[winner, state] - r.before[winner, state]) for state in states]
+    if max(states) < LEAK and winner in (*PUMPS, BOTH, *LAGS) and is_learned_on(m) and is_from_begin(m, onset):
+        spans = [config.wide_prior[state if winner in LAGS else SCALE + state - GAIN] for state in states]
+        return all(abs(size) <= OWN_STDS * span for size, span in zip(sizes, spans, strict=True))
+    return _is_small(config, m, winner, onset, sizes, float(r.x[winner, states[0]]))
+
+
+def may_be_own(m: Memory) -> bool:
+    """Whether the verdict on what the bank has just found may be that it is the rig's own, see `own_instead`.
+
+    Not in a start phase, which an open alarm ends.
+    """
+    leader = int(np.argmax(m.best.ratio))
+    jumps, onset = jumps_of(leader), int(m.bank.onset[m.best.slot[leader]])
+    is_new = not _is_sensor(leader) and not any(j in m.declared for j in jumps)
+    return is_new and m.is_wide and m.t_s >= 0.0 and is_learned_on(m) and moved_by(m, onset) >= MOVED_V
+
+
+def own_instead(config: DetectorConfig, m: Memory, leader: int) -> int | None:
+    """What may be the rig's own and explains the readings about as well as the likeliest fault; None if nothing does.
+
+    On a rig that is proven not to be as its file says that is the likelier one. It is never chosen before a sensor.
+    """
+    return None if _is_sensor(leader) else own_near(config, m, leader)
+
+
+def own_near(config: DetectorConfig, m: Memory, leader: int) -> int | None:
+    """The same beside any likeliest fault."""
+    if not m.is_wide:
+        return None
+    r = m.replays
+    least = float(r.evidence[leader]) - config.tuning.margin
+    near = [n for n in range(BOTH + 1) if not r.dropped[n] and float(r.evidence[n]) >= least and is_own(config, m, n)]
+    return max(near, key=lambda n: float(r.evidence[n]), default=None)
+
+
+def shows_nothing(m: Memory, winner: int) -> bool:
+    """Whether a verdict says that a pump gives less, and it has hardly been driven since: that is a dead zone."""
+    r = m.replays
+    jumps = jumps_of(winner)
+    states = [JUMPS[j].state for j in jumps]
+    is_less = bool(np.all(r.x[winner, states] < r.before[winner, states]))
+    return is_less and is_idle(m, winner, int(r.onset[winner])) and not any(j in m.declared for j in jumps)
+
+
+def _is_sensor(number: int) -> bool:
+    return JUMPS[jumps_of(number)[0]].state >= BIAS
+
+
+def _is_small(config: DetectorConfig, m: Memory, number: int, onset: int, sizes: Sequence[float], whole: float) -> bool:
+    """Whether jumps of these sizes correct the model of a rig that is proven not to be as its file says.
+
+    whole : the first state with its jump, for a leak.
+    """
+    states = [JUMPS[j].state for j in jumps_of(number)]
+    if not m.is_wide or max(states) >= BIAS or not is_learned_on(m):
+        return False
+    if number in LAGS:  # no fault makes a pump quicker
+        return sizes[0] < 0.0 and moved_by(m, onset) >= MOVED_V
+    if max(states) >= LEAK:
+        std = float(config.wide_prior[states[0]])
+        return sizes[0] <= OWN_STDS * std and whole <= MAX_STDS * std
+    is_rise = number in (*PUMPS, BOTH) and min(sizes) > 0.0
+    most = SMALL_NEAR_ZONE if _has_left_zone(m, number, onset) else SMALL_RISE if is_rise else SMALL
+    return max(abs(size) for size in sizes) <= most and moved_by(m, onset) >= MOVED_V
+
+
+def is_idle(m: Memory, number: int, onset: int) -> bool:
+    """Whether a hypothesis is about pumps whose voltage has not shown what they give since a step.
+
+    Only on a rig that is proven not to be as its file says. On another one it hid an empty reservoir from two pumps
+    at rest, and the first that started then ran dry for 3 s. A single pump shows nothing near its dead zone either:
+    0.2 V more of that are 0.4 of what it gives at 0.6 V. Two pumps that give nothing there are an empty reservoir.
+    """
+    if number not in (*PUMPS, BOTH) or not m.is_wide:
+        return False
+    least_V = IDLE_V if number == BOTH else NEAR_ZONE_V
+    steps = np.arange(max(onset, m.now - RING + 1, 1), m.now + 1) % RING
+    return all(float(m.history.entries[steps, VOLTAGE + j].max()) < least_V for j in jumps_of(number))
+
+
+def _has_left_zone(m: Memory, winner: int, onset: int) -> bool:
+    """Whether a hypothesis is about pumps whose voltage was near their dead zone a little before a step, or since."""
+    if winner not in (*PUMPS, BOTH):
+        return False
+    steps = np.arange(max(onset - BEFORE_STEPS, m.now - RING + 1, 1), m.now + 1) % RING
+    return all(float(m.history.entries[steps, VOLTAGE + j].min()) < NEAR_ZONE_V for j in jumps_of(winner))
+
+
+def is_learned_on(m: Memory) -> bool:
+    """Whether the rig goes on to be learned: no sensor is lost.
+
+    And no more is declared than lags, biases of sensors, and what is MINOR.
+    """
+    own = (j in LAGS or JUMPS[j].state >= BIAS or abs(one.size) <= MINOR for j, one in m.declared.items())
+    return not m.lost and all(own)
+
+
+def is_from_begin(m: Memory, onset: int) -> bool:
+    """Whether a step is so early that what begins there may have been there before the first reading."""
+    return m.time_of(onset) - m.begun_s <= BEGIN_S
+
+
+def moved_by(m: Memory, onset: int) -> float:
+    """By how many volts a pump's voltage has moved since a little before a step."""
+    before = max(BEFORE_STEPS, round(BEFORE_S / float(m.entry[PERIOD])))
+    steps = np.arange(max(onset - before, m.now - RING + 1, 1), m.now + 1) % RING
+    return float(np.max(np.ptp(m.history.entries[steps, VOLTAGE : VOLTAGE + 2], axis=0)))
