@@ -8,7 +8,7 @@ characters. The next line that is left gives the next layout.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,8 @@ BLOCK_BYTES = 1 << 19
 
 MAX_DATA = 8
 LONG_ID = 8
+TOO_LONG = 255
+"""Characters that no line of a log has: names of interfaces are short."""
 MAX_CHANNELS = 255
 ERROR_FLAG, ID_MASK = 0x20000000, 0x1FFFFFFF
 MAX_SHOWN = 60
@@ -74,7 +76,7 @@ COLUMNS = tuple(field.name for field in fields(CanLog) if field.name != "channel
 
 def read_can_log(path: Path) -> CanLog:
     """All frames of a log; `path` as for `can_log_blocks`, which see for what is raised."""
-    return joined(list(can_log_blocks(path)))
+    return joined(can_log_blocks(path))
 
 
 def can_log_blocks(path: Path, block_bytes: int = BLOCK_BYTES) -> Iterator[CanLog]:
@@ -89,27 +91,32 @@ def can_log_blocks(path: Path, block_bytes: int = BLOCK_BYTES) -> Iterator[CanLo
     rest, first_line = b"", 1
     with open_log(found) as stream:
         while block := stream.read(block_bytes):
-            whole, line_end, half = block.rpartition(b"\n")
-            if not line_end:
-                rest += half
-                continue
-            table = _Block(np.frombuffer(rest + whole + line_end, np.uint8), str(found), first_line, channels)
-            yield table.read()
-            rest, first_line = half, first_line + table.lines
+            text = rest + block
+            whole = text.rfind(b"\n") + 1
+            rest = text[whole:]
+            if whole:
+                table = _Block(np.frombuffer(text, np.uint8, whole), str(found), first_line, channels)
+                yield table.read()
+                first_line += table.lines
 
 
-def joined(blocks: Sequence[CanLog]) -> CanLog:
-    """Blocks of one log, one after the other."""
-    if not blocks:
+def joined(blocks: Iterable[CanLog]) -> CanLog:
+    """Blocks of one log, one after the other; the memory of each column's parts is free before the next is joined."""
+    parts: dict[str, list[npt.NDArray[Any]]] = {name: [] for name in COLUMNS}
+    channels: tuple[str, ...] = ()
+    for block in blocks:
+        channels = block.channels
+        for name, column in parts.items():
+            column.append(getattr(block, name))
+    if not parts["time_s"]:
         return _Block(np.empty(0, np.uint8), "", 1, []).read()
-    columns = {name: np.concatenate([getattr(block, name) for block in blocks]) for name in COLUMNS}
-    return _log(columns, blocks[-1].channels)
+    return _log({name: np.concatenate(parts.pop(name)) for name in COLUMNS}, channels)
 
 
 def parse_can_log(text: bytes, where: str) -> CanLog:
     """The frames in the text of a log, whole lines only; raises DamagedLogError, `where` first."""
     whole = text[: text.rfind(b"\n") + 1]
-    return _Block(np.frombuffer(whole, np.uint8), where, 1, []).read() if whole else joined(())
+    return _Block(np.frombuffer(whole, np.uint8), where, 1, []).read() if whole else joined([])
 
 
 class _Block:
@@ -119,15 +126,17 @@ class _Block:
         self._text, self._where, self._first_line, self._channels = text, where, first_line, channels
         ends = np.flatnonzero(text == ord("\n"))
         self._starts = np.concatenate([[0], ends[:-1] + 1])[: len(ends)]
-        self._widths = ends - self._starts
+        self._widths = np.minimum(ends - self._starts, TOO_LONG).astype(np.uint8)
         self.lines = len(ends)
 
     def read(self) -> CanLog:
         columns = _columns(self.lines)
         damaged: list[int] = []
-        for width in np.unique(self._widths):
+        for width in np.flatnonzero(np.bincount(self._widths)):
             rows = np.flatnonzero(self._widths == width)
-            if width == 0:
+            if width == TOO_LONG:
+                damaged.append(int(rows[0]))
+            if width in (0, TOO_LONG):
                 continue
             whole_lines = np.ndarray(self._text.size - int(width) + 1, f"V{width}", self._text, strides=(1,))
             table = np.ascontiguousarray(whole_lines[self._starts[rows]].view(np.uint8).reshape(-1, int(width)).T)
@@ -187,7 +196,7 @@ class _Block:
 
     def _error(self, row: int) -> DamagedLogError:
         """For a line that is not a frame."""
-        line = self._text[self._starts[row] :][: self._widths[row]].tobytes()
+        line = self._text[self._starts[row] :][: MAX_SHOWN + 1].tobytes().partition(b"\n")[0]
         shown = line[:MAX_SHOWN].decode("ascii", "backslashreplace") + ("..." if len(line) > MAX_SHOWN else "")
         kind = "a CAN FD frame, only classic CAN is read" if b"##" in line else "not a frame as candump -L writes it"
         return DamagedLogError(f"{self._where}, line {self._first_line + row} is {kind}: {shown}")

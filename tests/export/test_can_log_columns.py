@@ -118,6 +118,7 @@ def test_a_half_last_line_is_left_out(cut: int) -> None:
         "201#00", "(1.000000) can0 201#0", "(1.000000) can0 2G1#00", "(1.000000) can0 201#0G", "(1.00000x) can0 201#00",
         "(1.000000) can0 201#000000000000000000", "(1.000000) can0 201#R9", "(1.000000) can0  201#00",
         "(1) can0 201#00", "(1.000000) can0 201#00 X", "\x80",
+        f"({'1' * 300}.0) can0 201#00", "x" * 10_000,
     ],
 )  # fmt: skip
 def test_a_damaged_line_is_named_with_its_number(line: str) -> None:

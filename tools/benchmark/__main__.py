@@ -13,7 +13,6 @@ from tools.benchmark.assignment import eigenstructure_assignment, recomputation
 from tools.benchmark.campaign import campaign_step
 from tools.benchmark.diagnosis import diagnosis_step
 from tools.benchmark.lockstep import lockstep_profile, lockstep_speed
-from tools.benchmark.log_decode import log_decode
 from tools.benchmark.steps import codec
 from tools.benchmark.tables import DOCUMENT, as_rich, write
 from tools.benchmark.timing import Effort
@@ -30,7 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     effort = Effort(runs=2, rounds=7, steps=2_000) if options.quick else Effort()
     console = Console(width=max(Console().width, 120))
     sections = []
-    parts = (campaign_step, diagnosis_step, eigenstructure_assignment, recomputation, codec, log_decode)
+    parts = (campaign_step, diagnosis_step, eigenstructure_assignment, recomputation, codec)
     measures = (lockstep_speed, lockstep_profile, *parts)
     for measure in measures:
         for section in measure(effort):

@@ -1,31 +1,49 @@
-"""A log of frames read and decoded with numpy, beside python-can and cantools, frame by frame."""
+"""A log of frames read and decoded with numpy, beside python-can and cantools, frame by frame.
+
+python -m tools.benchmark.log_decode [--write]
+"""
 
 from __future__ import annotations
 
+import argparse
+import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 import can
 import cantools
+from rich.console import Console
 
 import hil
 from hil.bench import assembly
 from hil.data.can_log import read_can_log
 from hil.data.decode import decode
 from tools.benchmark import SCENARIO
-from tools.benchmark.tables import Section, as_verdict
+from tools.benchmark.tables import Section, as_rich, as_verdict, write
 from tools.benchmark.timing import Effort, in_turns
 
 RUN_S = 500.0
 TARGET = 50.0
-MAX_ROUNDS = 9
-"""One round of the peers takes a tenth of a second and more."""
+ROUNDS = 9
 
 
-def log_decode(effort: Effort) -> list[Section]:
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line."""
+    parser = argparse.ArgumentParser("python -m tools.benchmark.log_decode", description=__doc__)
+    parser.add_argument("--write", action="store_true", help="put the figures into the page of the benchmarks")
+    options = parser.parse_args(arguments)
+    section = log_decode()
+    console = Console(width=max(Console().width, 120))
+    console.print(as_rich(section), section.note)
+    if options.write:
+        write([section], Effort(runs=1, rounds=ROUNDS), "log decode")
+    return 0
+
+
+def log_decode() -> Section:
     """Time per frame of the can.log of a run."""
     database: Any = cantools.database.load_file(assembly.load(SCENARIO).dbc_path)
     with tempfile.TemporaryDirectory() as folder:
@@ -43,7 +61,7 @@ def log_decode(effort: Effort) -> list[Section]:
             "decode": (lambda: decode(log, database), 10),
             "cantools, decode": (decode_by_cantools, 1),
         }
-        times = in_turns(calls, min(effort.rounds, MAX_ROUNDS))
+        times = in_turns(calls, ROUNDS)
     times["read and decode"] = [a + b for a, b in zip(times["read"], times["decode"], strict=True)]
     theirs = zip(times["python-can, read"], times["cantools, decode"], strict=True)
     times["python-can and cantools"] = [a + b for a, b in theirs]
@@ -58,9 +76,13 @@ def log_decode(effort: Effort) -> list[Section]:
         f"Per frame, of the {len(log)} frames of {RUN_S:g} s of a run; all signals of all frames. Peers: python-can's "
         "reader of candump logs, and cantools' decode of one frame after the other. Ratio: their time over ours."
     )
-    return [Section("Decoding a log", note, ("what", "hil.data", "frame by frame", "ratio", "target", "verdict"), rows)]
+    return Section("Decoding a log", note, ("what", "hil.data", "frame by frame", "ratio", "target", "verdict"), rows)
 
 
 def _messages(path: Path) -> list[can.Message]:
     with can.CanutilsLogReader(path) as reader:
         return list(reader)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
