@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -176,7 +176,7 @@ def _cells(row: IndexedRun) -> tuple[str, ...]:
     started = row.started_utc[:16].replace("T", " ")
     law = f"{row.law} ({row.design})" if row.law == "state_feedback" and row.design else row.law
     texts = (row.name, started, row.scenario, row.status, row.mode, duration_text(row.duration_s), row.rig, law)
-    numbers = (_text(row.seed), _iae(row.figures.get("iae_Vs")), _text(row.alarms), _text(row.trips))
+    numbers = (_text(row.seed), _iae(row.figures), _text(row.alarms), _text(row.trips))
     return tuple(text or "–" for text in (*texts, row.detector, *numbers, size_text(row.size_bytes)))
 
 
@@ -193,10 +193,12 @@ def _text(value: object) -> str:
     return "" if value is None else str(value)
 
 
-def _iae(windows: Any) -> str:
-    """The sum over the windows, for both outputs; "" where it is not known."""
+def _iae(figures: Mapping[str, Any]) -> str:
+    """The sum over the windows that the run has reached, for both outputs; "" where it is not known."""
     try:
-        sums = [sum(float(pair[output]) for pair in windows.values()) for output in (0, 1)]
-    except (AttributeError, TypeError, ValueError, IndexError):
+        covered_s = figures.get("iae_covered_s", {})
+        pairs = [pair for window, pair in figures["iae_Vs"].items() if covered_s.get(window, 1.0) > 0.0]
+        sums = [sum(float(pair[output]) for pair in pairs) for output in (0, 1)]
+    except (AttributeError, KeyError, TypeError, ValueError, IndexError):
         return ""
-    return f"{sums[0]:.3g}, {sums[1]:.3g}" if windows else ""
+    return f"{sums[0]:.3g}, {sums[1]:.3g}" if pairs else ""

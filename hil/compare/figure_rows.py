@@ -93,8 +93,13 @@ def _merged_order(lists: Sequence[Sequence[str]]) -> list[str]:
 
 
 def _flat(figures: Mapping[str, Any]) -> Iterator[tuple[str, Value]]:
+    covered_s = figures.get("iae_covered_s")
     for key, value in figures.items():
-        if key in COUNTED:
+        if key == "iae_Vs" and isinstance(value, Mapping) and isinstance(covered_s, Mapping):
+            # a window that the run did not reach has no error, and not the error 0
+            reached = {name: pair for name, pair in value.items() if covered_s.get(name, 1.0)}
+            yield from _leaves(key, reached)
+        elif key in COUNTED:
             yield key, float(len(value)) if isinstance(value, list | tuple) else None
         elif key not in LEFT_OUT:
             yield from _leaves(key, value)

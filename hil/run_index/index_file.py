@@ -10,14 +10,16 @@ from __future__ import annotations
 import json
 import os
 import sqlite3
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing, suppress
+from dataclasses import replace
 from pathlib import Path
 from urllib.parse import quote
 
 from hil.edge.record.run_folder import NoRunFolderError
 from hil.run_index.folders import MAX_DEPTH, FoundRun, find_runs
-from hil.run_index.indexed_run import IndexedRun
+from hil.run_index.indexed_run import INTERRUPTED, RUNNING, IndexedRun
+from hil.run_index.life_signs import LifeSigns
 
 INDEX_NAME = ".run_index.sqlite3"
 VERSION = 1
@@ -31,7 +33,8 @@ def index_of(folder: Path, max_depth: int = MAX_DEPTH) -> tuple[IndexedRun, ...]
     Each row is an `IndexedRun`: flat fields (name, started_utc, scenario, status, mode, duration_s, rig, law, design,
     detector, seed, alarms, trips, size_bytes, problem ...) and `figures`, the whole kpi.json; `as_dict()` gives it as
     JSON-ready values. `folder / row.name` is the run folder. Runs in folders within (experiments, tests, campaigns)
-    are found down to `max_depth` levels. A run folder that can't be read is a row with its `problem`.
+    are found down to `max_depth` levels. A run folder that can't be read is a row with its `problem`. A run that
+    surely goes on has the status "running"; one that was killed, or of which no sign is seen, "interrupted".
 
     Raises NoRunFolderError when `folder` is no folder.
     """
@@ -43,7 +46,18 @@ def index_of(folder: Path, max_depth: int = MAX_DEPTH) -> tuple[IndexedRun, ...]
     rows = {one.name: _row(one, kept) for one in found}
     if kept.keys() != rows.keys() or any(kept[one.name][0] != one.signature for one in found):
         _keep(path, [(one, rows[one.name]) for one in found])
-    return tuple(sorted(rows.values(), key=lambda row: (row.started_utc, row.name)))
+    return tuple(sorted(_alive(folder, rows.values()), key=lambda row: (row.started_utc, row.name)))
+
+
+def _alive(folder: Path, rows: Iterable[IndexedRun]) -> Iterator[IndexedRun]:
+    """The rows, those of runs that go on with that status: it is no property of the files, and not in the index."""
+    signs: LifeSigns | None = None
+    for row in rows:
+        if row.status == INTERRUPTED:
+            signs = signs or LifeSigns.now()
+            yield replace(row, status=RUNNING) if signs.of(folder / row.name) else row
+        else:
+            yield row
 
 
 def _row(found: FoundRun, kept: Mapping[str, tuple[str, IndexedRun]]) -> IndexedRun:

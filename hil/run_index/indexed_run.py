@@ -11,6 +11,7 @@ from typing import Any
 
 from hil.edge.record.run_folder import Manifest, RunFolder, RunFolderError
 
+RUNNING, INTERRUPTED = "running", "interrupted"
 NOT_READABLE = "unreadable"
 """Status of a folder whose run.json can't be understood."""
 
@@ -20,10 +21,11 @@ class IndexedRun:
     """A run folder as a row.
 
     name : path of the folder below the folder of runs, with `/`. status : as readers show it, so "interrupted" for a
-    run whose end is not recorded, or that still goes on; "unreadable" where run.json can't be understood. duration_s :
-    as in kpi.json; without it, between start and end as recorded; None: not known. rig : name of the rig file without
-    its ending; "" where the run does not say it. law, design, detector : as the scenario names them. alarms, trips :
-    how many. figures : all of kpi.json, {} where there is none. problem : why figures or all else is missing.
+    run whose end is not recorded; "running" for one that surely goes on; "unreadable" where run.json can't be
+    understood. duration_s : as in kpi.json; without it, between start and end as recorded; None: not known. rig : name
+    of the rig file without its ending; "" where the run does not say it. law, design, detector : as the scenario names
+    them. alarms, trips : how many. figures : all of kpi.json, {} where there is none. problem : why figures or all else
+    is missing.
     """
 
     name: str

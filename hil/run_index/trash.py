@@ -8,7 +8,6 @@ when it listens on its control channel, when a process has one of its files open
 from __future__ import annotations
 
 import difflib
-import os
 import shutil
 import time
 from contextlib import suppress
@@ -16,13 +15,12 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from hil.edge.control.socket_path import SOCKET_NAME, is_listening, running_runs
 from hil.edge.record.run_folder import RunFolder, RunFolderError
 from hil.run_index.folders import MANIFEST, find_runs, run_at
+from hil.run_index.life_signs import LifeSigns
 
 TRASH_NAME = ".trash"
 QUIET_S = 60.0
-PROCESSES = Path("/proc")
 
 
 class TrashError(RunFolderError):
@@ -73,13 +71,8 @@ def why_running(path: Path, now_s: float) -> str:
     with suppress(RunFolderError, OSError, ValueError):
         if RunFolder(path).manifest().status != "running":
             return ""
-    if is_listening(path / SOCKET_NAME):
-        return "it listens on its control channel"
-    real = path.resolve()
-    if any(Path(run.folder).resolve() == real for run in running_runs()):
-        return "it listens on its control channel"
-    if process := _opener(real):
-        return f"process {process} has its files open"
+    if sign := LifeSigns.now().of(path):
+        return sign
     changed_s = max((entry.stat().st_mtime for entry in path.iterdir() if entry.is_file()), default=0.0)
     if now_s - changed_s < QUIET_S:
         return f"a file of it changed less than {QUIET_S:g} s ago"
@@ -114,15 +107,3 @@ def _free(folder: Path, name: str) -> Path:
         number += 1
         target = folder.with_name(f"{folder.name}_{number}") / name
     return target
-
-
-def _opener(path: Path) -> str:
-    """Number of a process that has a file in this folder open; "" where none has, or none can be seen."""
-    inside = f"{path}{os.sep}"
-    for process in PROCESSES.glob("[0-9]*"):
-        with suppress(OSError):
-            for descriptor in (process / "fd").iterdir():
-                with suppress(OSError):
-                    if str(descriptor.readlink()).startswith(inside):
-                        return process.name
-    return ""

@@ -76,6 +76,14 @@ def test_a_figure_that_an_older_record_lacks_is_a_gap_in_its_place() -> None:
     assert rows[1].values == (None, 2.0)
 
 
+def test_a_window_that_a_run_did_not_reach_has_no_error() -> None:
+    """Its integral used to be 0, and so the best of all runs."""
+    ended = {"iae_Vs": {"late": [0.0, 0.0]}, "iae_covered_s": {"late": 0.0}}
+    whole = {"iae_Vs": {"late": [2.0, 1.0]}, "iae_covered_s": {"late": 9.0}}
+    row = {row.key: row for row in figure_rows([whole, ended])}["iae_Vs.late[0]"]
+    assert (row.values, row.ratios) == ((2.0, None), (1.0, None))
+
+
 def test_labels_say_what_a_path_means() -> None:
     assert label("level_max_cm[2]") == "highest level, tank 3"
     assert label("applied_max_V[0]") == "largest applied voltage, pump 1"

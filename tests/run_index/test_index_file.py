@@ -121,3 +121,11 @@ def test_a_run_that_can_not_be_read_is_a_row_that_says_so(make_run: MakeRun, tmp
 def test_no_folder_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(NoRunFolderError, match="no such folder"):
         index_of(tmp_path / "nothing")
+
+
+def test_a_run_that_goes_on_is_running_while_its_files_are_open(make_run: MakeRun, tmp_path: Path) -> None:
+    """It used to be shown as interrupted. The index does not keep it: no file changes when a process is killed."""
+    path = make_run("live", status=None)
+    with (path / "ticks.csv").open("a"):
+        assert [row.status for row in index_of(tmp_path / "runs")] == ["running"]
+    assert [row.status for row in index_of(tmp_path / "runs")] == ["interrupted"]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from hil.run_index import trash
+from hil.run_index import life_signs
 from hil.run_index.index_file import index_of
 from hil.run_index.trash import (
     TrashContent,
@@ -82,7 +82,7 @@ def test_a_run_that_listens_is_not_moved(make_run: MakeRun) -> None:
 def test_where_no_process_can_be_seen_a_run_that_writes_is_not_moved(
     make_run: MakeRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(trash, "PROCESSES", tmp_path / "none")
+    monkeypatch.setattr(life_signs, "PROCESSES", tmp_path / "none")
     path = make_run("live", status=None)
     assert "changed less than 60 s ago" in why_running(path, time.time())
     assert why_running(path, time.time() + 61.0) == ""
