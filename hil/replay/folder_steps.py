@@ -27,6 +27,9 @@ from hil.review.ticks import LoggedEvent, Ticks, read
 
 Ints = npt.NDArray[np.int64]
 
+NEEDED = ("mode", "lateness_s", "skipped", "accepted", "rejected")
+"""Columns of ticks.csv besides t_s."""
+
 SIGNALS_THAT_STOP = ("SIGINT", "SIGTERM", "SIGHUP")
 
 
@@ -35,8 +38,14 @@ def read_folder_steps(folder: RunFolder, command_id: int) -> RecordedSteps:
     manifest = folder.manifest()
     ticks, events = read(folder)
     zero_s = manifest.clock.run_zero_epoch_s
-    if not len(ticks) or zero_s is None:
+    if not len(ticks):
         raise ReplayError(f"{folder.path}: the record has no control step in {folder.ticks_path.name} to replay")
+    lacking = [name for name in NEEDED if name not in ticks.columns]
+    if zero_s is None or lacking:
+        what = (
+            f"{folder.ticks_path.name} lacks {', '.join(lacking)}" if lacking else "run.json has no time of its start"
+        )
+        raise ReplayError(f"{folder.path}: an older record that can't be replayed: {what}")
     log = read_candump(folder.can_log_path)
     doubts: list[str] = list(log.doubts)
     ours = _own_rows(folder, log, command_id, doubts)

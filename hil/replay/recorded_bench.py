@@ -57,11 +57,17 @@ def recorded_controller(folder: RunFolder, what_if: WhatIf) -> Iterator[Recorded
     with TemporaryDirectory(prefix="hil-replay-") as name:
         place = Path(name)
         try:
-            scenario = _written(place, manifest.plan.copies)
-            yield _controller(place, scenario, manifest, what_if)
+            scenario = _written(folder, place, manifest.plan.copies)
+            controller = _controller(place, scenario, manifest, what_if)
         except SettingsError as error:
             text = str(error).replace(f"{place}/", f"{folder.manifest_path}, copy of ")
             raise SettingsError(f"{text}{_hint(settings, what_if)}") from None
+        except (KeyError, TypeError, AttributeError) as error:
+            what = f"{type(error).__name__}: {error}"
+            raise ReplayError(
+                f"{folder.manifest_path}: settings: these are not the settings of a run ({what})"
+            ) from None
+        yield controller
 
 
 def named_controller(
@@ -72,18 +78,18 @@ def named_controller(
     return RecordedController(bench, assembly.controller_config(bench, duration_s), clear_trip=False, doubts=())
 
 
-def _written(place: Path, copies: Mapping[str, str]) -> Path:
+def _written(folder: RunFolder, place: Path, copies: Mapping[str, str]) -> Path:
     """The copies as files below `place`; the scenario's path."""
     for name, text in copies.items():
         path = PurePosixPath(name)
         if path.is_absolute() or ".." in path.parts:
-            raise ReplayError(f"run.json: copies: {name!r} is no name of a file of the configuration")
+            raise ReplayError(f"{folder.manifest_path}: copies: {name!r} is no name of a file of the configuration")
         file = place / path
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(text, encoding="utf-8")
     scenarios = sorted(place.glob("scenarios/*.toml"))
     if len(scenarios) != 1 or not {"rig.toml", "bench.dbc"} <= copies.keys():
-        raise ReplayError("run.json: copies: there must be rig.toml, bench.dbc and one scenario")
+        raise ReplayError(f"{folder.manifest_path}: copies: there must be rig.toml, bench.dbc and one scenario")
     return scenarios[0]
 
 
@@ -94,9 +100,9 @@ def _controller(place: Path, scenario: Path, manifest: Manifest, what_if: WhatIf
         scenario,
         place,
         rig=place / "rig.toml" if what_if.rig is None else find_rig(what_if.rig),
-        design=control["design"],
+        design=control.get("design"),
         detector=what_if.detector or recorded["scenario"]["diagnosis"]["method"],
-        law=what_if.law or control["law"],
+        law=what_if.law or control.get("law"),
     )
     duration_s = options.get("duration_s")
     config = assembly.controller_config(bench, duration_s)
@@ -138,9 +144,9 @@ def _flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
 def _hint(settings: Mapping[str, Any], what_if: WhatIf) -> str:
     """What to do about a run with an object of the user's own, whose class's name stands in the record."""
     scenario = settings["scenario"]
-    law, method = scenario["control"]["law"], scenario["diagnosis"]["method"]
-    if what_if.law is None and not str(law).islower():
+    law, method = scenario["control"].get("law", ""), scenario["diagnosis"].get("method", "")
+    if what_if.law is None and law and not str(law).islower():
         return f"; {law} was an object of a script, which no record has: choose with --law"
-    if what_if.detector is None and not str(method).islower():
+    if what_if.detector is None and method and not str(method).islower():
         return f"; {method} was an object of a script, which no record has: choose with --detector"
     return ""

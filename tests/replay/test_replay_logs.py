@@ -185,6 +185,13 @@ def test_a_foreign_log_that_is_cut_off_anywhere_is_read_or_refused(
     assert str(cut) in said
 
 
+@pytest.mark.parametrize("mode", ["lockstep", "live"])
+def test_a_record_of_the_first_format_is_refused_in_a_line(mode: str) -> None:
+    """Its contract is another one. A record without the name of a law used to be a traceback."""
+    with pytest.raises(HilError, match=r"run\.json.*(no signal StartPhase$|copies)"):
+        replay(Path(__file__).parents[1] / "review/format1" / mode, ReplayOptions())
+
+
 def test_a_record_cut_off_in_the_middle_is_replayed_up_to_there(recorded_run: Path, tmp_path: Path) -> None:
     """The same commands as far as there are frames; the alarms after that are not missed."""
     run = shutil.copytree(recorded_run, tmp_path / "run")
