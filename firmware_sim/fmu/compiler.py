@@ -23,8 +23,11 @@ def find_compiler() -> list[str]:
     """The compiler's command: that of the environment variable CC, or the first of COMPILERS. Raises CompilerError."""
     asked = os.environ.get("CC", "").strip()
     if asked:
-        command = shlex.split(asked)
-        if shutil.which(command[0]) is None:
+        try:
+            command = shlex.split(asked)
+        except ValueError:  # a quotation mark without its other one
+            command = []
+        if not command or shutil.which(command[0]) is None:
             raise CompilerError(f"no C compiler: CC = {asked!r} is no program")
         return command
     found = next((name for name in COMPILERS if shutil.which(name) is not None), None)

@@ -50,7 +50,12 @@ def test_the_api_page_has_the_docstring_of_every_function(site: Path) -> None:
 
 @pytest.mark.parametrize(
     ("page", "text"),
-    [("own-design", "LqrDesign"), ("own-design", "fourtank_hil.designs"), ("own-detector", "InnovationDetector")],
+    [
+        ("own-design", "LqrDesign"),
+        ("own-design", "fourtank_hil.designs"),
+        ("own-detector", "InnovationDetector"),
+        ("plant-elsewhere", "rig.fmu"),
+    ],
 )
 def test_the_examples_are_shown_on_their_pages(site: Path, page: str, text: str) -> None:
     """The formatter once rewrote the line that includes a file, so that the page showed that line."""

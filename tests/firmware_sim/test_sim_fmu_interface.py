@@ -166,7 +166,10 @@ def test_without_a_compiler_there_is_one_clear_line(monkeypatch: pytest.MonkeyPa
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(("compiler", "message"), [("no-such-cc", "is no program"), ("false", "failed with code 1")])
+@pytest.mark.parametrize(
+    ("compiler", "message"),
+    [("no-such-cc", "is no program"), ("'gcc", "is no program"), ("false", "failed with code 1")],
+)
 def test_a_compiler_that_fails_is_named(monkeypatch: pytest.MonkeyPatch, compiler: str, message: str) -> None:
     monkeypatch.setenv("CC", compiler)
     with pytest.raises(CompilerError, match=message):

@@ -1,3 +1,6 @@
+/* SPDX-License-Identifier: MIT
+   Copyright (c) 2026 The fourtank-hil authors */
+
 /* What this unit needs of the C interface of the Functional Mock-up Interface 2.0 (FMI 2.0, Modelica Association, 2014):
    types, values and names as the standard gives them. */
 

@@ -1,3 +1,6 @@
+/* SPDX-License-Identifier: MIT
+   Copyright (c) 2026 The fourtank-hil authors */
+
 /* The plant: state, delays of the hoses, and the way from one moment to the next.
 
    equations.h has the equations themselves, translated from the emulator's. The order of calls is that of the emulator:
@@ -55,6 +58,10 @@ static Nanoseconds whole_ns(double seconds) { return (Nanoseconds)floor(seconds 
 static int hose_give(Hose *hose, Inflow inflow, Nanoseconds now, Allocate allocate, Release release)
 {
     if (inflow.flow_V == hose->given.flow_V && inflow.effectiveness == hose->given.effectiveness) {
+        return 0;
+    }
+    if (hose->delay == 0) {
+        hose->given = hose->arrived = inflow;
         return 0;
     }
     if (hose->count == hose->room) {

@@ -1,3 +1,6 @@
+/* SPDX-License-Identifier: MIT
+   Copyright (c) 2026 The fourtank-hil authors */
+
 /* The four-tank rig as a co-simulation unit of FMI 2.0: the interface around plant.h.
 
    A value that is no number or outside its range is refused with fmi2Error and a message, and nothing changes. Inputs
