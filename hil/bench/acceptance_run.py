@@ -124,7 +124,7 @@ def judge_live(
         bench.scenario.scenario.name,
         folder=asked.out,
         began=began,
-        about=(("mode", "live"), ("bus", f"{address.interface} {address.channel}"), ("rig", str(bench.rig_path))),
+        about=(("mode", "live"), ("bus", f"{address.interface} {address.channel}"), ("rig", bench.rig_path.name)),
     )
     try:
         figures, outcome = run_live(bench, how, address, on_tick)
@@ -157,7 +157,7 @@ def _judged(bench: Bench, asked: AcceptanceRun, one: JudgedScenario, figures: Kp
 
 
 def _about_lockstep(bench: Bench, asked: AcceptanceRun) -> tuple[tuple[str, str], ...]:
-    return (("mode", "lockstep"), ("seed", str(asked.seed)), ("rig", str(bench.rig_path)))
+    return (("mode", "lockstep"), ("seed", str(asked.seed)), ("rig", bench.rig_path.name))
 
 
 def _with_verdicts(bench: Bench, one: JudgedScenario, figures: Kpi, duration_s: float) -> JudgedScenario:
