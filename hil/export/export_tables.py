@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.data.can_log import CanLog, read_can_log
+from hil.edge.record.log_file import find_log, open_log
 from hil.edge.record.run_folder import Manifest, RunFolder, RunFolderError
 from hil.edge.record.signals import recorded
 from hil.review.ticks import LoggedEvent, Ticks, read_events, read_ticks
@@ -22,6 +23,7 @@ DBC = "bench.dbc"
 EPOCH_TIME = "time since 1970-01-01 00:00 UTC; of a simulated run, since its start"
 RUN_TIME = "run time, as in the table of control steps; NaN if the run had no control step"
 MICROSECONDS = 6
+SENT_MARK = b" T"
 MAX_NAME = 63
 
 
@@ -185,11 +187,21 @@ def read_run(path: Path) -> RunTables:
 
 
 def _sent(folder: RunFolder, frames: CanLog) -> npt.NDArray[np.bool_]:
-    """Which frames are in sent.log, too: those with the time and the identifier of a line of it."""
-    try:
-        sent = read_can_log(folder.sent_log_path)
-    except RunFolderError:
-        if folder.sent_log_path.exists():
-            raise
-        return np.zeros(len(frames), np.bool_)  # format 1 has none
+    """Which frames are in sent.log, too: those with the time and the identifier of a line of it.
+
+    Format 1 has no sent.log, but marks in can.log.
+    """
+    if not _has_log(folder.sent_log_path):
+        with open_log(find_log(folder.can_log_path)) as stream:
+            lines = stream.read().split(b"\n")[:-1]
+        return np.array([line.rstrip().endswith(SENT_MARK) for line in lines if line], dtype=np.bool_)
+    sent = read_can_log(folder.sent_log_path)
     return np.isin(frames.time_s, sent.time_s) & np.isin(frames.arbitration_id, np.unique(sent.arbitration_id))
+
+
+def _has_log(path: Path) -> bool:
+    try:
+        find_log(path)
+    except RunFolderError:
+        return False
+    return True

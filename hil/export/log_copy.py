@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import re
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -12,12 +13,14 @@ from hil.edge.record.log_file import find_log, open_log
 from hil.edge.record.run_folder import RunFolderError
 
 BLOCK_BYTES = 1 << 20
+MARK = re.compile(rb" [RT]\r?\n")
 
 
-def write_candump(log: Path, out: Path, compress: str | None = None) -> None:
+def write_candump(log: Path, out: Path, compress: str | None = None, *, removes_marks: bool = True) -> None:
     """Copy the whole lines of a log, which may be compressed; a half line at its end is left out.
 
-    compress : zst, gz, or None. Raises RunFolderError when the log can't be read or is damaged.
+    compress : zst, gz, or None. removes_marks : those of the direction at the ends of lines, which logs of format 1
+    have and Wireshark does not read. Raises RunFolderError when the log can't be read or is damaged.
     """
     for _ in can_log_blocks(log):  # a damaged line is refused here, not by the tool that reads the file
         pass
@@ -25,7 +28,8 @@ def write_candump(log: Path, out: Path, compress: str | None = None) -> None:
         rest = b""
         while block := source.read(BLOCK_BYTES):
             whole, line_end, half = (rest + block).rpartition(b"\n")
-            sink.write(whole + line_end)
+            text = whole + line_end
+            sink.write(text if not removes_marks or MARK.search(text) is None else MARK.sub(b"\n", text))
             rest = half
 
 
@@ -42,7 +46,7 @@ def compress_in_place(logs: list[Path], compress: str, suffix: str) -> list[Path
         new = log.with_name(log.name + suffix)
         temporary = new.with_name(f".{new.name}.tmp{suffix}")
         try:
-            write_candump(log, temporary, compress)
+            write_candump(log, temporary, compress, removes_marks=False)
             if not _is_equal(log, temporary):
                 raise RunFolderError(f"{temporary} is not what {log} has, which stays as it is")
             temporary.replace(new)

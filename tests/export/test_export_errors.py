@@ -56,6 +56,17 @@ def test_a_run_killed_before_its_first_step_is_exported(killed: Path, tmp_path: 
         assert pd.read_parquet(out / "frames.parquet")["t_s"].isna().all()
 
 
+def test_a_record_of_format_1_keeps_who_sent_a_frame(tmp_path: Path) -> None:
+    """All of its frames counted as received: it has marks in can.log, and no sent.log."""
+    stored = Path(__file__).parents[1] / "review" / "format1" / "live"
+    lines = (stored / "can.log").read_text().splitlines()
+    frames = pd.read_parquet(export_run(stored, "parquet", tmp_path / "out") / "frames.parquet")
+    assert frames["is_sent"].tolist() == [line.endswith(" T") for line in lines]
+    assert frames["is_sent"].any()
+    plain = export_run(stored, "candump", tmp_path / "can.log").read_text().splitlines()
+    assert plain == [line[:-2] for line in lines], "Wireshark reads no line with a mark"
+
+
 def test_what_exists_is_not_overwritten(bench_run: RunFolder, tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("mine")
     with pytest.raises(
