@@ -113,7 +113,7 @@ def bench(folder: Path) -> Iterator[Path]:
         channel = ["-i", "slcan", "-c", found[1], "--out", folder / "first-hour"]
         run = subprocess.Popen([program / "hil", "run", "steps", *channel, "--duration", "3600"])
         yield folder / "first-hour"
-        run.wait(30.0)
+        run.wait(120.0)
     finally:
         for process in (run, emulator):
             if process is not None and process.poll() is None:

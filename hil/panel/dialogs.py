@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from textual import events
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
@@ -52,6 +53,22 @@ class QuestionDialog(ModalScreen[bool]):
         self.dismiss(False)
 
 
+class EntryField(Input):
+    """A field in which keys that come together, as over a slow line, act in the order in which they were typed.
+
+    In textual's own, letters are entered at once, while keys such as backspace first pass through other queues.
+    """
+
+    async def _on_key(self, event: events.Key) -> None:
+        bound = [] if event.is_printable else self._bindings.key_to_bindings.get(event.key, [])
+        if bound and event.key != "enter":
+            event.stop()
+            event.prevent_default()
+            await self.run_action(bound[0].action)
+        else:
+            await super()._on_key(event)
+
+
 class EntryDialog(ModalScreen[EntryRequest | None]):
     """A form. Enter goes to the next field, and in the last one checks; what is wrong is said and nothing is sent."""
 
@@ -68,7 +85,7 @@ class EntryDialog(ModalScreen[EntryRequest | None]):
             for index, field in enumerate(self._form.fields):
                 with Horizontal(classes="field"):
                     yield Label(field.label, classes="label")
-                    yield Input(field.value, id=f"field{index}", compact=True)
+                    yield EntryField(field.value, id=f"field{index}", compact=True)
                 if field.allowed:
                     yield Label(field.allowed, classes="allowed", markup=False)
             yield Static("", id="complaint", markup=False)

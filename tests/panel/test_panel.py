@@ -80,6 +80,21 @@ def test_keys_and_clicks_tell_an_attended_run_that_somebody_is_there_but_not_eac
     asyncio.run(session())
 
 
+def test_keys_that_come_at_once_act_in_their_order(tmp_path: Path) -> None:
+    """Over a slow line, backspace and a new value in one packet left the field empty: backspace acted last."""
+
+    async def session() -> None:
+        async with panel(tmp_path) as (run, pilot):
+            run.send_state()
+            await pilot.press("r")
+            for key in ("backspace", "backspace", "1", "4", "5", "backspace"):
+                pilot.app.post_message(events.Key(key, key if key.isdecimal() else None))
+            await pilot.pause(0.1)
+            assert pilot.app.screen.query(Input).first().value == "14"
+
+    asyncio.run(session())
+
+
 def test_a_session_by_keyboard_alone(tmp_path: Path) -> None:
     async def session() -> None:
         async with panel(tmp_path) as (run, pilot):

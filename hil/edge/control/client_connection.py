@@ -20,6 +20,8 @@ MAX_STATE_BACKLOG = 64 * 1024
 """With more, it gets no states."""
 
 MAX_REQUESTS_PER_S = 20.0
+MAX_LINES = 20
+STOP = b'"stop"'
 REST_S = 0.1
 RATE_TOLERANCE = 0.1
 CREDENTIALS = struct.Struct("3i")
@@ -36,6 +38,7 @@ class ClientConnection:
         self.reads_at_s = 0.0
         self._connection = connection
         self._read = b""
+        self._lines: deque[bytes] = deque()
         self._out: deque[bytes] = deque()
         self._rate_hz = 0.0
         self._next_state_s = 0.0
@@ -55,8 +58,22 @@ class ClientConnection:
             user = str(uid)
         return cls(connection, number, user, pid)
 
+    @property
+    def has_lines(self) -> bool:
+        """Whether lines wait that were read already; no selector tells of them."""
+        return bool(self._lines) and not self.is_lost
+
     def lines(self) -> list[bytes]:
-        """The complete lines of one read, at most one line's length. A line that is too long ends the connection."""
+        """At most `MAX_LINES` complete lines: a round of work must be short. A stop goes before what came with it.
+
+        A line that is too long ends the connection.
+        """
+        if not self._lines:
+            self._lines.extend(self._read_lines())
+        return [self._lines.popleft() for _ in range(min(len(self._lines), MAX_LINES))]
+
+    def _read_lines(self) -> list[bytes]:
+        """The lines of one read, at most one line's length."""
         try:
             data = self._connection.recv(MAX_LINE)
         except BlockingIOError:
@@ -72,7 +89,7 @@ class ClientConnection:
             self.flush()
             self.is_lost = True
             return []
-        return [line for line in lines if line.strip()]
+        return sorted((line for line in lines if line.strip()), key=lambda line: STOP not in line)
 
     def may_ask(self, now_s: float) -> bool:
         """Whether a request may be taken now; if not, the client is not read for a while."""
@@ -126,7 +143,8 @@ class ClientConnection:
 
     def select(self, selector: selectors.BaseSelector, now_s: float) -> None:
         """Wait for what is of interest: requests unless the client has sent too much, room if something waits."""
-        mask = (selectors.EVENT_READ if now_s >= self.reads_at_s else 0) | (selectors.EVENT_WRITE if self._out else 0)
+        may_read = now_s >= self.reads_at_s and not self._lines
+        mask = (selectors.EVENT_READ if may_read else 0) | (selectors.EVENT_WRITE if self._out else 0)
         if mask == self._mask:
             return
         if self._mask == 0:

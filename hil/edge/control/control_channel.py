@@ -31,6 +31,9 @@ MAX_WAITING = 40
 MAX_KEPT = 200
 """Answers and events that are kept for a process that takes nothing."""
 
+MAX_SENT = 100_000
+"""Bytes in one write: the socket would refuse one of some 200 kB for ever. The oldest events are dropped."""
+
 MAX_STATE_HZ = 20.0
 START_TIMEOUT_S = 30.0
 CLOSE_TIMEOUT_S = 1.0
@@ -152,7 +155,11 @@ class ControlChannel:
 
     def _hand_over(self, shown: dict[str, object] | None) -> bool:
         """One write that does not wait; answers and events that were not taken stay for the next step."""
-        data = pickle.dumps((tuple(self._answers), tuple(self._events), shown), pickle.HIGHEST_PROTOCOL)
+        data = self._packed(shown)
+        while len(data) > MAX_SENT and self._events:
+            for _ in range(-(-len(self._events) // 2)):
+                self._events.popleft()
+            data = self._packed(shown)
         try:
             self._socket.send(data)
         except BlockingIOError:
@@ -163,6 +170,9 @@ class ControlChannel:
         self._answers.clear()
         self._events.clear()
         return True
+
+    def _packed(self, shown: dict[str, object] | None) -> bytes:
+        return pickle.dumps((tuple(self._answers), tuple(self._events), shown), pickle.HIGHEST_PROTOCOL)
 
 
 def _as_sent(event: Event, t_s: float | None) -> dict[str, object]:

@@ -90,6 +90,7 @@ class ControlServer:
                     self._accept()
                 else:
                     self._serve(key.data, mask)
+            self._serve_rest()
             self._flush()
         for client in list(self._clients.values()):
             client.flush()
@@ -106,6 +107,8 @@ class ControlServer:
         resting = [c.reads_at_s for c in self._clients.values() if c.reads_at_s > now_s]
         if self._accepts_at_s > now_s:
             resting.append(self._accepts_at_s)
+        if any(c.has_lines and c.reads_at_s <= now_s for c in self._clients.values()):
+            return 0.0
         free_s = self._rhythm.free_s(now_s)
         return min([ROUND_S, *(at_s - now_s for at_s in resting), *([] if free_s is None else [free_s])])
 
@@ -136,6 +139,15 @@ class ControlServer:
         if mask & selectors.EVENT_READ and client.number in self._clients:
             for line in client.lines():
                 self._take(client, line)
+
+    def _serve_rest(self) -> None:
+        """Clients of which lines were left over, as far as there is time."""
+        for client in list(self._clients.values()):
+            now_s = time.monotonic()
+            if self._rhythm.pause_s(now_s) > 0.0:
+                return
+            if client.has_lines and client.reads_at_s <= now_s:
+                self._serve(client, selectors.EVENT_READ)
 
     def _take(self, client: ClientConnection, line: bytes) -> None:
         now_s = time.monotonic()
