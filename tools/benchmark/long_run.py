@@ -72,12 +72,17 @@ def sizes(folder: Path) -> Section:
     """The files of the run."""
     found = {name: (folder / name).stat().st_size for name in FILES if (folder / name).is_file()}
     total = sum(found.values())
-    rows = [(f"`{name}`", f"{size / 1e6:.1f} MB", "", "") for name, size in found.items()]
+    rows = [(f"`{name}`", _as_size(size), "", "") for name, size in found.items()]
     rows.append(
         ("all", f"{total / 1e6:.0f} MB", f"{MAX_FOLDER_BYTES / 1e6:.0f} MB", as_verdict(total < MAX_FOLDER_BYTES))
     )
     note = "24 h in lockstep, 10 Hz, 125 frames a second (tools/benchmark/day.toml)."
     return Section("A run of 24 h: its files", note, ("file", "size", "target", "verdict"), rows)
+
+
+def _as_size(size: int) -> str:
+    """In MB or kB."""
+    return f"{size / 1e6:.1f} MB" if size > 1e5 else f"{size / 1e3:.1f} kB"
 
 
 def readings(folder: Path, beside: Path, rounds: int) -> Section:
