@@ -133,19 +133,12 @@ def replay(path: Path, options: ReplayOptions, on_progress: Callable[[int], None
         expected = _payloads(recorded) if old is None else old.payloads
         tolerance_V = LOG_TOLERANCE_V if is_log and old is None else count_of_command(contract)
         tolerance_V = tolerance_V if options.tolerance_V is None else options.tolerance_V
-
-        def played(steps: RecordedSteps) -> tuple[Replayed, CommandComparison]:
-            done = play(
-                steps, controller.bench, controller.config, clear_trip=controller.clear_trip, on_progress=on_progress
-            )
-            return done, compare_commands(contract, steps.steps, expected, done, tolerance_V)
-
-        replayed, comparison = played(recorded)
+        replayed, comparison = _compared(controller, recorded, expected, tolerance_V, on_progress)
         if is_log and comparison.first is not None:
             later = with_late_start(recorded, contract)
-            other, compared = played(later)
-            if compared.differing < comparison.differing:
-                replayed, comparison, recorded = other, compared, later
+            other = _compared(controller, later, expected, tolerance_V, on_progress)
+            if other[1].differing < comparison.differing:
+                (replayed, comparison), recorded = other, later
     today = findings_until(parse_events(replayed.event_text, "the replay"), inf)
     before = _recorded_alarms(recorded, old)
     result = ReplayResult(
@@ -167,6 +160,20 @@ def replay(path: Path, options: ReplayOptions, on_progress: Callable[[int], None
     if options.update:
         write_reference(reference_path(path), contract, replayed.payloads, today)
     return result
+
+
+def _compared(
+    controller: RecordedController,
+    recorded: RecordedSteps,
+    expected: tuple[bytes, ...],
+    tolerance_V: float,
+    on_progress: Callable[[int], None] | None,
+) -> tuple[Replayed, CommandComparison]:
+    """What today's controller does, and how it differs."""
+    done = play(
+        recorded, controller.bench, controller.config, clear_trip=controller.clear_trip, on_progress=on_progress
+    )
+    return done, compare_commands(controller.bench.contract, recorded.steps, expected, done, tolerance_V)
 
 
 def _payloads(recorded: RecordedSteps) -> tuple[bytes, ...]:
