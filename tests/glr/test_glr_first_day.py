@@ -39,6 +39,25 @@ def test_the_wide_filter_takes_over_where_it_leads_and_a_voltage_has_moved(
     assert m.x == pytest.approx(before + (0.1 if is_own else 0.0))
 
 
+@pytest.mark.parametrize(("lead", "is_wide", "is_own"), [(8.0, True, True), (6.0, True, False), (8.0, False, False)])
+def test_a_rig_that_is_proven_to_be_another_one_needs_less_of_an_explanation(
+    lead: float, *, is_wide: bool, is_own: bool
+) -> None:
+    """A pump with 1.17 of its gain at the first large step: the filter beside had 0.47 of its evidence."""
+    m = a_memory(lead, 0.6)
+    m.is_wide = is_wide
+    assert first_day.explains(CONFIG, m, 290, 20.0) is is_own
+
+
+@pytest.mark.parametrize(("step", "is_wide", "is_own"), [(245, True, True), (235, True, False), (275, False, False)])
+def test_a_step_of_the_voltages_counts_for_some_seconds(step: int, *, is_wide: bool, is_own: bool) -> None:
+    """Four seconds after a step down, with both pumps at rest and the levels falling, a question was asked."""
+    m = a_memory(20.0, 0.0)
+    m.is_wide = is_wide
+    m.history.entries[:step, VOLTAGE] = 4.0
+    assert first_day.explains(CONFIG, m, 290, 20.0) is is_own
+
+
 def test_a_part_of_what_was_learned_is_forgotten_and_the_prior_is_kept() -> None:
     prior = np.zeros(N)
     prior[SCALE] = 0.2

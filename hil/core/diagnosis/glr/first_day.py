@@ -28,6 +28,10 @@ from hil.core.diagnosis.glr.refilter import RING
 WIDE_SHARE = 0.5
 """It is enough that the wide filter has this share of the likeliest fault's evidence: it explains what follows, too."""
 
+PROVEN_SHARE = 0.35
+"""The same on a rig that is proven not to be as its file says. At the alarm, errors of its model had shares of 0.3 to
+0.5, faults of 0.2 at most."""
+
 KEEP_BESIDE, RENEW_S = 0.1, 60.0
 """Once the wide filter is the main one, the filter beside it believes this share of what was learned; it begins again
 after this time."""
@@ -157,7 +161,8 @@ def explains(config: DetectorConfig, m: Memory, onset: int, ratio: float) -> boo
         return False
     is_early = m.t_s - m.begun_s < config.tuning.first_learning_s
     lead = wide.lead[m.now % RING] - wide.lead[max(onset, wide.began, m.now - RING + 1) % RING]
-    if lead < WIDE_SHARE * ratio or not (is_early or own_verdict.moved_by(m, onset) >= own_verdict.MOVED_V):
+    share = PROVEN_SHARE if m.is_wide else WIDE_SHARE
+    if lead < share * ratio or not (is_early or own_verdict.moved_by(m, onset) >= own_verdict.MOVED_V):
         return False
     _become_main(m, wide)
     return True

@@ -22,6 +22,7 @@ from hil.core.diagnosis.glr import (
     identified,
     isolation,
     kernels,
+    own_verdict,
     possible,
     sensor_monitor,
     strength,
@@ -114,7 +115,7 @@ class GlrDetector:
             alarms += isolation.isolate(config, m, m.suspicion)
         alarms += declaration.follow_growth(config, m)
         alarms += declaration.follow_lags(config, m)
-        if m.unknown is None:
+        if m.unknown is None and own_verdict.is_learned_on(m):  # what a pump gives after a fault is not known so well
             alarms += strength.step(m)
         declaration.watch_unproven(m)
         return m, self._diagnosis(m, alarms)

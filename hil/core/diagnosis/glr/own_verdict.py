@@ -19,9 +19,10 @@ from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
 from hil.core.diagnosis.glr.model import BIAS, GAIN, LEAK, SCALE
 from hil.core.diagnosis.glr.refilter import RING
 
-MOVED_V, BEFORE_STEPS, BEFORE_S = 0.5, 10, 1.0
+MOVED_V, BEFORE_STEPS, BEFORE_S, BEFORE_PROVEN_S = 0.5, 10, 1.0, 5.0
 """A rig that is not as its file says shows that when a voltage moves, by this at least, since so many steps before, or
-since this time before if that is more: a pump follows with its lag."""
+since this time before if that is more: a pump follows with its lag. The last is for a rig that is proven to be so: its
+levels still move after a step of the voltages."""
 
 BEGIN_S, OWN_STDS = 1.0, 2.0
 """A pump whose gain or lag differs since so soon after the first readings is no fault, if it differs by no more than so
@@ -161,6 +162,6 @@ def is_from_begin(m: Memory, onset: int) -> bool:
 
 def moved_by(m: Memory, onset: int) -> float:
     """By how many volts a pump's voltage has moved since a little before a step."""
-    before = max(BEFORE_STEPS, round(BEFORE_S / float(m.entry[PERIOD])))
+    before = max(BEFORE_STEPS, round((BEFORE_PROVEN_S if m.is_wide else BEFORE_S) / float(m.entry[PERIOD])))
     steps = np.arange(max(onset - before, m.now - RING + 1, 1), m.now + 1) % RING
     return float(np.max(np.ptp(m.history.entries[steps, VOLTAGE : VOLTAGE + 2], axis=0)))
