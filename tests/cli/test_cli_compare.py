@@ -22,13 +22,18 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_the_tables_and_the_report(command_line: CommandLine, recorded: Path, tmp_path: Path) -> None:
-    result = command_line("hil", "compare", recorded, "--align", "200", "--out", "out")
+def test_the_tables(command_line: CommandLine, recorded: Path) -> None:
+    result = command_line("hil", "compare", recorded, "--align", "200", "--no-report")
     assert result.code == 0
     assert result.err == "hil: killed: no control step was recorded: it is in the tables only\n"
     assert result.out.startswith("3 runs, aligned at 200 s of each run\n")
     assert result.out.index("Nothing differs") < result.out.index("Key figures")
     assert any(line.split()[:3] == ["alarms", "2", "0"] for line in result.out.splitlines())
+
+
+@pytest.mark.long
+def test_the_report(command_line: CommandLine, recorded: Path, tmp_path: Path) -> None:
+    result = command_line("hil", "compare", recorded, "--align", "200", "--out", "out")
     assert result.out.endswith("out/report.html\n")
     page = (tmp_path / "out/report.html").read_text()
     assert page.index("What differs") < page.index("Key figures") < page.index("Alarms and trips") < page.index("<svg")
