@@ -89,6 +89,7 @@ def test_a_run_loads_no_library_that_it_does_not_use() -> None:
         assert done.stdout == "[]\n"
 
 
+@pytest.mark.long
 def test_who_imports_asammdf_gets_it() -> None:
     code = "import sys, hil, can, asammdf; print(asammdf.__name__)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
