@@ -54,6 +54,7 @@ def test_the_api_page_has_the_docstring_of_every_function(site: Path) -> None:
         ("own-design", "LqrDesign"),
         ("own-design", "fourtank_hil.designs"),
         ("own-detector", "InnovationDetector"),
+        ("own-law", "TwoPi"),
         ("plant-elsewhere", "rig.fmu"),
     ],
 )
