@@ -53,7 +53,7 @@ class QuestionDialog(ModalScreen[bool]):
         self.dismiss(False)
 
 
-class EntryField(Input):
+class OrderedInput(Input):
     """A field in which keys that come together, as over a slow line, act in the order in which they were typed.
 
     In textual's own, letters are entered at once, while keys such as backspace first pass through other queues.
@@ -85,7 +85,7 @@ class EntryDialog(ModalScreen[EntryRequest | None]):
             for index, field in enumerate(self._form.fields):
                 with Horizontal(classes="field"):
                     yield Label(field.label, classes="label")
-                    yield EntryField(field.value, id=f"field{index}", compact=True)
+                    yield OrderedInput(field.value, id=f"field{index}", compact=True)
                 if field.allowed:
                     yield Label(field.allowed, classes="allowed", markup=False)
             yield Static("", id="complaint", markup=False)
