@@ -1,6 +1,6 @@
 """Executes the notebooks of docs/examples and makes a page of each: `python -m tools.notebooks [--pages] [NAME...]`.
 
-A notebook is executed in an empty folder, and its outputs are stored in it. The page, docs/examples/NAME.md,
+A notebook is executed in an empty folder, and its outputs are stored in it. The page of the same name, beside it,
 has its text, code and outputs; its pictures are files beside it. --pages: only the pages, from the stored outputs.
 """
 

@@ -2,6 +2,7 @@
 
 from datetime import datetime
 
+import junitparser
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -45,6 +46,15 @@ def test_a_server_finds_package_class_and_case() -> None:
     root = checked(junit_text(TESTED, "bench"))
     found = [(*case.get("classname", "").rsplit(".", 1), case.get("name")) for case in root[0].findall("testcase")]
     assert found == [("hil.test", "loss_of_pump", "no trip"), ("hil.test", "loss_of_pump", "dry")]
+
+
+def test_a_parser_of_another_project_reads_it() -> None:
+    suites = junitparser.JUnitXml.fromstring(junit_text(TESTED, "bench").encode())
+    assert (suites.tests, suites.failures, suites.errors, suites.skipped) == (6, 1, 2, 1)
+    loss = next(suite for suite in suites if suite.name == "loss.of.pump")
+    (result,) = next(case for case in loss if case.name == "dry").result
+    assert isinstance(result, junitparser.Failure)
+    assert "13.5 cm" in result.message
 
 
 @given(st.text(), st.text(min_size=1))
