@@ -218,9 +218,7 @@ def _observe(
     live = watch_readings(model, config.limits.max_drives, monitors.live, measurement, diagnosis.trusted, now_ns)
     live_cm = live_levels_cm(model, live, measurement, diagnosis)
     effective_V = _effective(diagnosis, estimate.pump_V)
-    flowing_V = _larger(
-        effective_V, diagnosis.flow_V
-    )  # a pump that gives more, or lags more, seemed to be a shut outlet
+    flowing_V = _larger(effective_V, diagnosis.flow_V)  # a pump that gives or lags more seemed to be a shut outlet
     outlets = live_outlets = watch(model, monitors.outlets, estimate.level_cm, flowing_V, now_ns)
     if live_cm != NONE:
         levels_cm = _with_live(estimate.level_cm, live_cm)

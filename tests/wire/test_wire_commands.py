@@ -40,6 +40,16 @@ def test_an_echo_names_the_command_that_it_stands_for() -> None:
     assert sender.lost == 0
 
 
+def test_a_replay_expects_the_echo_of_what_was_sent_then() -> None:
+    """Number, counter and time stay those of the command that takes its place."""
+    sender = sender_with(3)
+    sender.replace_last((1.5, 2.5), enable=False)
+    echo = sender.echo(2, 3)
+    assert echo is not None
+    assert (echo.number, echo.counter, echo.sent_ns) == (2, 2, 200 * MS)
+    assert (echo.voltage_V, echo.enable) == ((1.5, 2.5), False)
+
+
 def test_an_echo_of_nothing_that_was_sent_settles_nothing() -> None:
     sender = sender_with(3)
     assert sender.echo(9, 40) is None
