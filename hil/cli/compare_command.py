@@ -16,6 +16,7 @@ from hil.compare.compare_report import NOTHING_DIFFERS, alignment, ratio_text, s
 from hil.compare.compared_run import CompareError
 from hil.compare.comparison import Comparison
 from hil.compare.figure_rows import MIN_SPREAD, FigureRow
+from hil.core.counted import counted
 
 MAX_WIDTH = 1000
 """Of a table, where no terminal sets its width."""
@@ -60,7 +61,10 @@ def run(console: Console, options: CompareOptions) -> None:
 def _show(console: Console, comparison: Comparison) -> None:
     names = [run.name for run in comparison.runs]
     console.print(
-        f"{len(names)} runs, aligned {alignment(comparison.align)}", highlight=False, markup=False, soft_wrap=True
+        f"{counted(len(names), 'run')}, aligned {alignment(comparison.align)}",
+        highlight=False,
+        markup=False,
+        soft_wrap=True,
     )
     if comparison.differences:
         table = _table("What differs in the configuration", "key", *names)

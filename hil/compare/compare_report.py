@@ -9,6 +9,7 @@ from hil.compare.compared_run import START, ComparedRun
 from hil.compare.differences import Difference
 from hil.compare.figure_rows import MIN_SPREAD, FigureRow, Value
 from hil.compare.overlaid_figures import overlaid_figures
+from hil.core.counted import counted
 from hil.review import page, run_figures
 from hil.review.alarm_table import alarm_table
 
@@ -33,7 +34,7 @@ def render(
             page.section("Figures", _figures(runs)),
         )
     )
-    return page.document(f"Comparison of {len(runs)} runs", body)
+    return page.document(f"Comparison of {counted(len(runs), 'run')}", body)
 
 
 def alignment(align: str) -> str:

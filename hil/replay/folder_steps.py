@@ -122,8 +122,9 @@ def _delay_ns(sent_ns: Ints, tick_ns: Ints, doubts: list[str]) -> int:
         return 0
     delay_ns = int(np.median((sent_ns - tick_ns[owner])[in_control]))
     if before:
+        steps = "the step" if before == 1 else f"the {counted(before, 'step')}"
         doubts.append(
-            f"when {'the step' if before == 1 else f'the {before} steps'} before control began is not recorded: taken "
+            f"when {steps} before control began is not recorded: taken "
             f"as {delay_ns / 1e3:.0f} us before the command, the median of the other steps"
         )
     return delay_ns

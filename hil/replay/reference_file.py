@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from hil.core.counted import counted
 from hil.edge.record.run_folder import write_atomically
 from hil.replay.command_difference import COMPARED
 from hil.replay.frame_log import ReplayError
@@ -56,7 +57,8 @@ def read_reference(path: Path, contract: Contract, steps: int) -> ReplayReferenc
         raise ReplayError(f"{path} is no reference of a replay: {error}; --update makes a new one") from None
     if len(payloads) != steps:
         raise ReplayError(
-            f"{path} is of another record: it has {len(payloads)} steps, the record {steps}; --update makes a new one"
+            f"{path} is of another record: it has {counted(len(payloads), 'step')}, the record {steps}; "
+            "--update makes a new one"
         )
     return ReplayReference(payloads, alarms, version)
 

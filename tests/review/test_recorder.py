@@ -102,7 +102,7 @@ def test_ticks_read_back_to_the_digits_kept(whole_run: RunFolder) -> None:
 
 @pytest.mark.parametrize(
     ("mode", "missing"),
-    [("lockstep", {"latency_s", "recorder_queue"}), ("live", {f"true_h{tank}_cm" for tank in (1, 2, 3, 4)})],
+    [("lockstep", {"latency_s", "recorder_queue", "t_ns"}), ("live", {f"true_h{tank}_cm" for tank in (1, 2, 3, 4)})],
 )
 def test_columns_that_a_run_cannot_have_are_left_out(tmp_path: Path, mode: RunMode, missing: set[str]) -> None:
     """They used to be there, empty, and readers made text of them."""

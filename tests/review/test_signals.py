@@ -49,9 +49,9 @@ def test_every_drawn_entity_is_in_one_plot_of_the_layout(
     shown: list[str] = []
     real = blueprint._Layout._plot
 
-    def plot(layout: blueprint._Layout, one: str) -> Any:
+    def plot(layout: blueprint._Layout, one: str, is_plain: bool = False) -> Any:
         shown.append(one)
-        return real(layout, one)
+        return real(layout, one, is_plain)
 
     monkeypatch.setattr(blueprint._Layout, "_plot", plot)
     blueprint.blueprint(mode, 10.0)

@@ -32,6 +32,7 @@ MAX_TEST_CPU_S, MAX_TEST_S, MAX_MUTANT_S = 90.0, 300.0, 1800.0
 OPTIONS = (
     "-x", "-q", "--tb=no", "--assert=plain", "--capture=no", "--no-header", "-W", "ignore",
     *("-p", "no:cacheprovider"), *("-p", "no:xdist"), *("-p", "no:cov"), *("-p", "no:unraisableexception"),
+    *("-p", "no:fourtank_hil"),
     *("-m", "not live and not long and not socketcan"),
 )  # fmt: skip
 POLL_S = 0.005
