@@ -41,7 +41,8 @@ SMALL_NEAR_ZONE, NEAR_ZONE_V = 0.2, 1.0
 """So does a larger one of a pump whose voltage has been below this a little before: a dead zone ends in a bend."""
 
 MINOR = 0.15
-"""A smaller declared fault may be the rig's own, and does not end its learning."""
+"""A smaller declared loss of a pump may be the rig's own, and does not end its learning. A valve, an outlet or a leak
+does: while one grows, learning took its growth for the rig's own."""
 
 
 def is_own(config: DetectorConfig, m: Memory, winner: int) -> bool:
@@ -149,9 +150,11 @@ def _has_left_zone(m: Memory, winner: int, onset: int) -> bool:
 def is_learned_on(m: Memory) -> bool:
     """Whether the rig goes on to be learned: no sensor is lost.
 
-    And no more is declared than lags, biases of sensors, and what is MINOR.
+    And no more is declared than lags, biases of sensors, and MINOR losses of pumps.
     """
-    own = (j in LAGS or JUMPS[j].state >= BIAS or abs(one.size) <= MINOR for j, one in m.declared.items())
+    own = (
+        j in LAGS or JUMPS[j].state >= BIAS or (j in PUMPS and abs(one.size) <= MINOR) for j, one in m.declared.items()
+    )
     return not m.lost and all(own)
 
 
