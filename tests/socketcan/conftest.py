@@ -9,7 +9,7 @@ from tests.socketcan.kernel_links import Cable
 from tests.socketcan.socketcan_bench import Rig
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def rig(cable: Cable, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:  # noqa: F811 - the fixture
     """The emulator on the far end of the cable."""
     from tests.socketcan.socketcan_bench import emulator
