@@ -95,7 +95,8 @@ class ControlLoop:
     config : of a scenario's controller; or the steps of something else, such as a phase of an experiment.
     true_level_cm : the emulator's levels for the record, where they can be known. on_tick : watches every step.
     clock_ns : tells when a command has gone out; without it, it went out at the step's own time.
-    operator : who may change the run while it goes on. sender : of a replay.
+    operator : who may change the run while it goes on. sender : of a replay. troubles : what has failed of the record
+    since it was last asked; must neither block nor raise.
     """
 
     def __init__(
@@ -113,6 +114,7 @@ class ControlLoop:
         clock_ns: Callable[[], int] | None = None,
         operator: OperatorChannel | None = None,
         sender: CommandSender | None = None,
+        troubles: Callable[[], tuple[Event, ...]] = tuple,
     ) -> None:
         self._steps: Steps = ScenarioSteps(config) if isinstance(config, ControllerConfig) else config
         self._sender = CommandSender(contract) if sender is None else sender
@@ -125,6 +127,7 @@ class ControlLoop:
         self._on_tick = on_tick
         self._clock_ns = clock_ns
         self._operator = operator
+        self._troubles = troubles
         self._state: StepState = self._steps.start()
         self._waiting_since_ns: int | None = None
         self._ending_since_ns: int | None = None
@@ -148,6 +151,7 @@ class ControlLoop:
 
     def tick(self, now_ns: int, timing: Timing, stop_reason: str = "") -> None:
         """Step, encode, write, record. `outcome` is set once the run is over and the pumps are known to be off."""
+        self._noted += self._troubles()
         inputs = self._inputs(now_ns, timing, bool(stop_reason))
         must_stay_silent = self._must_stay_silent()
         asked = self._operator.requests() if self._operator is not None else ()
@@ -184,6 +188,7 @@ class ControlLoop:
             bus=receiver.bus(now_ns, port.send_failures, port.is_up, port.last_error, port.lines_rejected),
             timing=timing,
             stop_requested=stop_requested,
+            noted=self._noted,
         )
 
     def _with_clearing(self, output: Output, inputs: Inputs) -> Command:

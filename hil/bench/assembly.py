@@ -28,7 +28,7 @@ from hil.core.estimator import LevelFilter
 from hil.core.gain_design import GainDesign
 from hil.core.interlocks import Limits
 from hil.core.start_phase import StartConfig
-from hil.core.types import Action, Inputs, Mode, Quad, Request, TripCause
+from hil.core.types import Action, Event, Inputs, Mode, Quad, Request, TripCause
 from hil.edge.config.rig_file import Rig, load_rig
 from hil.edge.config.scenario_file import DiagnosisChoice, OperatorRequest, Scenario, load_scenario
 from hil.edge.config.settings_file import SettingsError, default_config_dir, read_text
@@ -213,6 +213,7 @@ def make_loop(
     clock_ns: Callable[[], int] | None = None,
     operator: OperatorChannel | None = None,
     sender: CommandSender | None = None,
+    troubles: Callable[[], tuple[Event, ...]] = tuple,
 ) -> ControlLoop:
     """The control loop of a bench on an open port, for any clock. Keyword arguments: see `ControlLoop`."""
     return ControlLoop(
@@ -228,6 +229,7 @@ def make_loop(
         clock_ns=clock_ns,
         operator=operator,
         sender=sender,
+        troubles=troubles,
     )
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from math import isfinite
 
 from hil import runtime
+from hil.bench import live_picture
 from hil.bench.assembly import Bench, Watcher, controller_config, make_loop, run_plan
 from hil.bench.control_settings import open_channel
 from hil.bench.live_warnings import live_warnings
@@ -25,7 +25,6 @@ from hil.edge.host.realtime import RealTime
 from hil.edge.record.recorder_process import ProcessRecorder
 from hil.edge.record.run_folder import RunFolder
 from hil.loop import Outcome
-from hil.review import viewer
 from hil.review.kpi import Kpi
 
 
@@ -47,15 +46,11 @@ def run_live(
         stack.callback(port.close)
         plan = run_plan(bench, is_live=True, seed=None, config=config, clear_trip=options.clear_trip)
         folder = RunFolder.create(options.out, plan)
-        timeline = timeline_settings(bench, config, options)
-        if timeline is not None and options.live is not None:
-            timeline = replace(timeline, live_port=viewer.free_port())
+        timeline = live_picture.with_port(timeline_settings(bench, config, options), options.live)
         with removed_if_not_opened(folder):
             no_channel = open_channel(channel, bench, config, folder, options)
             recorder.open(folder, partial(open_record, folder, timeline, options.realtime is not None))
-        if timeline is not None and timeline.live_port is not None:
-            is_page = options.live == "page"
-            stack.enter_context(viewer.live_view(timeline.live_port, is_page=is_page, say=_say))
+        stack.enter_context(live_picture.shown(timeline, options.live))
         record = stack.enter_context(RunRecord(recorder, port))
         for warning in (*live_warnings(bench), *no_channel):
             _warn(warning, recorder)
@@ -70,6 +65,7 @@ def run_live(
             on_tick=on_tick,
             clock_ns=clock.now_ns,
             operator=channel,
+            troubles=recorder.troubles,
         )
         stop = stack.enter_context(StopSignal())
         asked = [] if options.realtime is None else [_real_time(stack, options.realtime, recorder)]
@@ -88,12 +84,7 @@ def _real_time(stack: ExitStack, wanted: RealTime, recorder: ProcessRecorder) ->
     return applied.housekeeping
 
 
-def _say(text: str) -> None:
-    with suppress(OSError):
-        sys.stderr.write(f"hil: {text}\n")
-
-
 def _warn(event: Event, recorder: ProcessRecorder) -> None:
     """Show and record it. Standard error that can't be written to is no reason to end the run."""
-    _say(event.text)
+    live_picture.say(event.text)
     recorder.event(0.0, event)

@@ -7,6 +7,7 @@ from contextlib import ExitStack
 
 from firmware_sim.ports import BusPort as EmulatorPort
 from hil import lockstep
+from hil.bench import live_picture
 from hil.bench.assembly import Bench, controller_config, make_loop, run_plan
 from hil.bench.emulator_twin import emulator_of
 from hil.bench.open_record import open_record
@@ -31,10 +32,11 @@ def simulate(bench: Bench, options: RunOptions, on_progress: Callable[[int], Non
     folder = RunFolder.create(options.out, plan)
     with ExitStack() as stack:
         ours, theirs = (stack.enter_context(end) for end in pair())
-        timeline = timeline_settings(bench, config, options)
+        timeline = live_picture.with_port(timeline_settings(bench, config, options), options.live)
         port = BusPort(ours)
         with removed_if_not_opened(folder):
             recorder = open_record(folder, timeline)
+        stack.enter_context(live_picture.shown(timeline, options.live))
         record = stack.enter_context(RunRecord(recorder, port))
         loop = make_loop(
             bench,

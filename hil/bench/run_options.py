@@ -24,7 +24,7 @@ class RunOptions:
     """How to run, whatever the scenario says.
 
     seed : of the emulator's noise. rerun : whether to write run.rrd. realtime : what to request of the system, live.
-    live : a run in real time is served to viewers while it goes on; in a window, or as a page. None: it is not.
+    live : the run is served to viewers while it goes on; in a window, or as a page. None: it is not.
     control : where a live run listens; None: in its folder. attended_s : see `hil.core.attendance`.
     """
 

@@ -96,6 +96,7 @@ def _add(module: ModuleType) -> None:
         name,
         help=f"Example: {module.EXAMPLE}\n\n{text}",
         short_help=" ".join(summary.split()),
+        cls=getattr(module, "COMMAND", None),
         context_settings=getattr(module, "CONTEXT", None),
     )(function)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,10 +13,13 @@ import typer
 
 from hil.cli import exit_codes
 from hil.cli.complaint import complain, interruptible
-from hil.edge.control.client import ControlClient, Message, find_run
+from hil.edge.control.client import ControlClient, Message, find_run, listed_run
 from hil.edge.control.socket_path import ControlError
 
 WATCH_HZ = 1.0
+ANSWER_S = 5.0
+STOP_ANSWER_S = 1.0
+"""For a stop; then SIGTERM does the same."""
 KEEP = "-"
 
 
@@ -43,15 +47,28 @@ def run(options: CtlOptions) -> int:
         keys = request_keys(options)
     except CtlValueError as error:
         return complain(str(error), exit_codes.BAD_INPUT)
+    timeout_s = STOP_ANSWER_S if options.action == "stop" else ANSWER_S
     try:
-        with ControlClient.connect(find_run(options.folder, options.socket)) as client, interruptible():
+        path = find_run(options.folder, options.socket)
+        with ControlClient.connect(path, timeout_s) as client, interruptible():
             if options.action == "status":
                 return _status(client, options.as_json)
             if options.action == "watch":
                 return _watch(client, options.as_json)
             return _ask(client, options.action, keys)
     except ControlError as error:
-        return complain(str(error), exit_codes.NOT_DONE)
+        return _without_answer(options, str(error))
+
+
+def _without_answer(options: CtlOptions, why: str) -> int:
+    """What to do when the control channel fails: a stop is sent as a signal, if the run's process is known."""
+    run = listed_run(options.folder, options.socket)
+    if run is None:
+        return complain(why, exit_codes.NOT_DONE)
+    if options.action == "stop" and run.process.terminate():
+        typer.echo(f"SIGTERM sent to process {run.pid}: the pumps ramp down and the run ends ({why})")
+        return 0
+    return complain(f"{why}; process {run.pid} goes on, hil ctl stop ends it", exit_codes.NOT_DONE)
 
 
 def request_keys(options: CtlOptions) -> dict[str, Any]:
@@ -105,9 +122,12 @@ def _exactly(values: Sequence[str], count: int, text: str) -> Sequence[str]:
 
 def _number(value: str, what: str) -> float:
     try:
-        return float(value)
+        number = float(value)
     except ValueError:
-        raise CtlValueError(f"{what} {value}: must be a number") from None
+        number = math.nan
+    if not math.isfinite(number):
+        raise CtlValueError(f"{what} {value}: must be a number")
+    return number
 
 
 def _ask(client: ControlClient, action: str, keys: dict[str, Any]) -> int:
@@ -151,8 +171,11 @@ def status_lines(hello: Message, state: Message) -> list[str]:
 
 
 def _watch(client: ControlClient, as_json: bool) -> int:
-    """States and events until the run ends."""
-    client.ask("subscribe", rate_hz=WATCH_HZ)
+    """States and events until the run ends. 0 only if it has said how: a killed run has not."""
+    answer = client.ask("subscribe", rate_hz=WATCH_HZ)
+    if not answer["ok"]:
+        return complain(answer["text"], exit_codes.NOT_DONE)
+    has_ended = False
     try:
         for message in client.messages():
             if as_json:
@@ -161,8 +184,9 @@ def _watch(client: ControlClient, as_json: bool) -> int:
                 typer.echo(_brief(message["state"]))
             elif "event" in message:
                 typer.echo(f"{message['event']['severity']:5} {message['event']['text']}")
+            has_ended |= message.get("event", {}).get("code") == "end"
     except ControlError as error:
-        return complain(str(error), 0)
+        return 0 if has_ended else complain(str(error), exit_codes.NOT_DONE)
     return 0
 
 

@@ -82,5 +82,12 @@ Duration = Annotated[
     Optional[float],
     typer.Option("--duration", metavar="S", min=0.0, max=1e7, help="Length of the run. Default: the scenario's."),
 ]
+LiveChoice = Annotated[
+    bool,
+    typer.Option("--live", help="Show the run in the Rerun viewer while it goes on; as a page without a screen."),
+]
+LivePageChoice = Annotated[
+    bool, typer.Option("--live-web", help="The same as a page, screen or not. --live web is another form.")
+]
 RerunChoice = Annotated[bool, typer.Option("--rerun/--no-rerun", help="Whether to write run.rrd.")]
 ReportChoice = Annotated[bool, typer.Option("--report/--no-report", help="Whether to write report.html.")]

@@ -5,6 +5,7 @@ active -> returned             its cause is over, and nobody has acknowledged it
 acknowledged, and over         it leaves the list; so does a returned alarm when it is acknowledged
 returned -> active             its cause is there again: its count goes up
 any but a trip -> shelved      hidden for a time that somebody chooses; then it is what it would be without
+shelved -> active              it becomes more urgent: what was hidden was the lesser one
 
 Fed with the events of a run: `alarm` of the diagnosis, `trip` and `stop`, and those of `alarm_catalogue.EVENTS`. An
 event without an end, such as a trip, is over when it is acknowledged, a trip not before it is cleared.
@@ -28,6 +29,8 @@ ALL = "all"
 
 NOT_SHELVED = ("trip", "relay_cut")
 """Alarms that can't be hidden."""
+
+NEVER_S = float("-inf")
 
 ONCE = ("bus_error", "recorder_failed", "recorder_lost", "record_dropped")
 """Events without an end: they leave the list when somebody acknowledges them."""
@@ -57,7 +60,7 @@ class ListedAlarm:
     count: int = 1
     is_over: bool = False
     is_acknowledged: bool = False
-    shelved_until_s: float = float("-inf")
+    shelved_until_s: float = NEVER_S
 
     def state(self, t_s: float) -> AlarmState:
         """At run time t_s."""
@@ -135,7 +138,7 @@ class AlarmList:
             return self, f"{key} can't be shelved"
         return self._replaced(replace(alarm, shelved_until_s=t_s + for_s)), ""
 
-    def rows(self, t_s: float) -> list[dict[str, Any]]:
+    def rows(self, t_s: float, at_most: int | None = None) -> list[dict[str, Any]]:
         """For an operator, at run time t_s: the most urgent first, of those the newest; shelved ones last."""
 
         def urgency(alarm: ListedAlarm) -> tuple[bool, bool, int, float]:
@@ -143,7 +146,7 @@ class AlarmList:
             is_seen = state is AlarmState.ACKNOWLEDGED
             return state is AlarmState.SHELVED, is_seen, alarm.explanation.priority.rank, -alarm.since_s
 
-        return [alarm.as_row(t_s) for alarm in sorted(self.alarms, key=urgency)]
+        return [alarm.as_row(t_s) for alarm in sorted(self.alarms, key=urgency)[:at_most]]
 
     def unattended(self, for_s: float, t_s: float) -> str:
         """Title of an alarm of high priority that nobody has acknowledged or shelved for for_s; "" if there is none."""
@@ -171,6 +174,8 @@ class AlarmList:
             alarm = replace(alarm, is_acknowledged=False, since_s=t_s, count=alarm.count + 1)
         elif is_worse:
             alarm = replace(alarm, is_acknowledged=False, since_s=t_s)
+        if is_worse:
+            alarm = replace(alarm, shelved_until_s=NEVER_S)
         return self._replaced(alarm)
 
     def _replaced(self, new: ListedAlarm) -> AlarmList:

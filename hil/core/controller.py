@@ -148,9 +148,8 @@ def _step(
     if loop is None:
         supervision, events = supervisor.next_mode(config.limits, state.supervision, inputs, now_ns)
         if not supervision.mode.is_controlling:
-            return ControllerState(supervision, operation=state.operation), Output(
-                command=supervisor.OFF, events=events, record=None
-            )
+            waiting = ControllerState(supervision, alarms=_listed(state, inputs, events), operation=state.operation)
+            return waiting, Output(command=supervisor.OFF, events=events, record=None)
         loop = closed_loop.begin(config.loop, inputs, now_ns)
         loop, loop_events = closed_loop.step(config.loop, loop, inputs, now_ns)
     else:
@@ -179,9 +178,14 @@ def _step(
         command = replace(command, start_phase=True)
     record = _record(config, loop, supervision.mode, inputs, command.voltage_V, events, state.probe.offset_V)
     loop = closed_loop.conclude(config.loop, loop, inputs, command.voltage_V, supervision.mode)
-    alarms = state.alarms.take_all(events, loop.t_s) if events else state.alarms
+    alarms = _listed(state, inputs, events, loop.t_s)
     new = ControllerState(supervision, loop, monitors, probe, alarms, attendance, state.operation)
     return new, Output(command=command, events=events, record=record)
+
+
+def _listed(state: ControllerState, inputs: Inputs, events: tuple[Event, ...], t_s: float = 0.0) -> AlarmList:
+    """The alarm list with the events of the step, and those that came from elsewhere since the last one."""
+    return state.alarms.take_all((*inputs.noted, *events), t_s) if events or inputs.noted else state.alarms
 
 
 def fail(state: ControllerState, cause: TripCause, text: str) -> tuple[ControllerState, Output]:

@@ -129,7 +129,7 @@ def settle(taken: Taken, after: Supervision, events: tuple[Event, ...]) -> tuple
             text = said.text.partition(": ")[2]
             replies.append(refused(request, str(said.data["reason"]), text))
         elif _is_done(request, after):
-            replies.append(accepted(request, _done(request, after)))
+            replies.append(accepted(request, _done(request, after, events)))
         else:
             replies.append(refused(request, "overruled", f"something else has set the mode to {after.mode.name}"))
     return tuple(replies), tuple(e for e in events if "number" not in e.data)
@@ -164,7 +164,7 @@ def _is_done(request: LiveRequest, after: Supervision) -> bool:
     return True
 
 
-def _done(request: LiveRequest, after: Supervision) -> str:
+def _done(request: LiveRequest, after: Supervision, events: tuple[Event, ...]) -> str:
     match request.action:
         case LiveAction.MANUAL:
             return f"pumps by hand at {after.manual_V[0]:.4g}, {after.manual_V[1]:.4g} V"
@@ -174,7 +174,8 @@ def _done(request: LiveRequest, after: Supervision) -> str:
             return "trip cleared"
         case LiveAction.STOP:
             return "stop: the pumps ramp down and the run ends"
-    return f"{request.interlock} bypassed for {request.for_s:g} s"
+    said = (e.text for e in events if e.code == "bypass" and e.data["interlock"] == str(request.interlock))
+    return next(said, f"{request.interlock} bypassed")  # for as long as safety.bypass_max_s allows
 
 
 def _taken(

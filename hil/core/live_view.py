@@ -10,6 +10,9 @@ from hil.core.controller import ControllerConfig, ControllerState, Output
 from hil.core.types import Diagnosis, Inputs, Mode, Quad
 
 TRUSTED = (True, True, True, True)
+MAX_ALARMS = 100
+"""Rows of the alarm list that are shown, the most urgent ones: the state has to fit into one message."""
+
 UNKNOWN_PAIR, UNKNOWN_QUAD = (None, None), (None, None, None, None)
 
 
@@ -40,7 +43,8 @@ def view(
         "lateness_s": inputs.timing.lateness_s,
         "skipped": inputs.timing.skipped,
         "next": _next(config, state, loop),
-        "alarms": state.alarms.rows(0.0 if loop is None else loop.t_s),
+        "alarms": state.alarms.rows(0.0 if loop is None else loop.t_s, MAX_ALARMS),
+        "alarms_more": max(len(state.alarms.alarms) - MAX_ALARMS, 0),
     }
 
 

@@ -211,7 +211,8 @@ class Request:
 class Inputs:
     """The inputs of a control step, besides its state and the time.
 
-    is_attended : whether an operator has sent any request since the last step.
+    is_attended : whether an operator has sent any request since the last step. noted : events of bus and record since
+    then.
     """
 
     measurement: Measurement
@@ -222,6 +223,7 @@ class Inputs:
     stop_requested: bool = False
     requests: tuple[Request, ...] = ()
     is_attended: bool = False
+    noted: tuple[Event, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

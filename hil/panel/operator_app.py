@@ -5,6 +5,7 @@ from __future__ import annotations
 from textual.app import App
 from textual.widgets import Static
 
+from hil.edge.control.run_process import RunProcess
 from hil.panel.alarm_widget import AlarmPage
 from hil.panel.dialogs import EntryDialog, QuestionDialog
 from hil.panel.entry_forms import (
@@ -19,7 +20,6 @@ from hil.panel.entry_forms import (
 )
 from hil.panel.run_connection import RunConnection
 from hil.panel.run_messages import RunAnswer
-from hil.panel.run_process import RunProcess
 from hil.panel.run_view import RunView
 
 STOP_ANSWER_S = 1.0

@@ -54,6 +54,7 @@ class RunConnection:
         self._writer: asyncio.StreamWriter | None = None
         self._waiting: dict[int, asyncio.Future[RunAnswer]] = {}
         self._last_id = 0
+        self._refusal = ""
 
     @property
     def is_open(self) -> bool:
@@ -87,12 +88,12 @@ class RunConnection:
     def _send(self, message: Mapping[str, Any]) -> None:
         if self._writer is None:
             raise ConnectionResetError
-        self._writer.write(json.dumps({"v": 1, **message}).encode() + b"\n")
+        self._writer.write(json.dumps({"v": 1, **message}, ensure_ascii=False).encode(errors="replace") + b"\n")
 
     async def _read_until_lost(self) -> str:
         """Why the connection was lost."""
         try:
-            path = self._find()
+            path, self._refusal = self._find(), ""
         except HilError as error:
             return str(error)
         try:
@@ -104,7 +105,7 @@ class RunConnection:
             return f"{path}: {getattr(error, 'strerror', None) or error}"
         finally:
             self._close()
-        return "the run has closed the connection"
+        return f"the run has closed the connection{self._refusal}"
 
     def _take(self, line: bytes) -> None:
         """Hand one line on. Raises ValueError for what is not a message."""
@@ -121,6 +122,8 @@ class RunConnection:
             answer = self._waiting.get(number)
             if answer is not None and not answer.done():
                 answer.set_result(read_answer(message))
+        elif message.get("ok") is False:
+            self._refusal = f": {read_answer(message).text}"
 
     def _close(self) -> None:
         if self._writer is not None:

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+from hil.cli.ctl_command import CtlOptions, run
 from hil.core import controller
 from hil.core.controller import ControllerState, Output
 from hil.core.types import Event, NodeState
@@ -57,6 +58,22 @@ class Bench:
         connection.connect(os.fspath(self.path))
         assert b'"hello"' in connection.recv(4096)
         return connection
+
+
+def answer(bench: Bench, client: ControlClient, do: str, **keys: object) -> dict[str, object]:
+    """Ask, step until the answer is there."""
+    request_id = client.send(do, **keys)
+    for _ in range(200):
+        bench.step()
+        for message in client.messages(0.02):
+            if message.get("id") == request_id:
+                return message
+    raise AssertionError(f"no answer to {do}")
+
+
+def ctl(action: str, *values: str, folder: Path | None = None) -> int:
+    """`hil ctl`: its exit code."""
+    return run(CtlOptions(action, values, False, False, 0.0, False, folder, None))
 
 
 @contextmanager

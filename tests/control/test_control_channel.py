@@ -10,28 +10,16 @@ import stat
 import subprocess
 import sys
 import time
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
-from hil.edge.control.client import ControlClient, find_run
+from hil.edge.control.client import find_run
 from hil.edge.control.control_channel import ControlChannel
-from hil.edge.control.server import MAX_CLIENTS
 from hil.edge.control.socket_path import ControlError, is_listening, place_of, running_runs
-from tests.control.control_bench import CONFIG, Bench, settings
+from tests.control.control_bench import CONFIG, Bench, answer, settings
 from tests.waiting import wait_for
-
-
-def answer(bench: Bench, client: ControlClient, do: str, **keys: object) -> dict[str, object]:
-    """Ask, step until the answer is there."""
-    request_id = client.send(do, **keys)
-    for _ in range(200):
-        bench.step()
-        for message in client.messages(0.02):
-            if message.get("id") == request_id:
-                return message
-    raise AssertionError(f"no answer to {do}")
 
 
 def test_a_request_is_taken_answered_recorded_and_seen(bench: Bench) -> None:
@@ -137,23 +125,6 @@ def test_a_line_that_is_too_long_ends_the_connection(bench: Bench) -> None:
     assert received == b"" or json.loads(received)["reason"] == "too_long"
     with bench.connect() as client:
         assert answer(bench, client, "note", text="still there")["ok"]
-
-
-def test_more_clients_than_allowed_are_told_so(bench: Bench) -> None:
-    with ExitStack() as stack:
-        for _ in range(MAX_CLIENTS):
-            stack.enter_context(bench.connect())
-        with pytest.raises(ControlError, match="32 clients are served already"):
-            bench.connect()
-    wait_for(lambda: _serves(bench), 5.0)
-
-
-def _serves(bench: Bench) -> bool:
-    try:
-        bench.connect().close()
-    except ControlError:
-        return False
-    return True
 
 
 def test_a_client_that_asks_too_much_is_refused_and_a_stop_is_still_taken(bench: Bench) -> None:

@@ -8,15 +8,10 @@ from pathlib import Path
 import pytest
 
 from hil.cli import exit_codes
-from hil.cli.ctl_command import CtlOptions, run
 from hil.edge.control.client import find_run
 from hil.edge.control.socket_path import ControlError
-from tests.control.control_bench import Bench, control_bench
+from tests.control.control_bench import Bench, control_bench, ctl
 from tests.waiting import wait_for
-
-
-def ctl(action: str, *values: str, folder: Path | None = None) -> int:
-    return run(CtlOptions(action, values, False, False, 0.0, False, folder, None))
 
 
 def test_two_runs_are_listed_and_one_that_is_named_is_asked(

@@ -13,6 +13,7 @@ from rich.console import Console
 from hil.cli import exit_codes
 from hil.cli.beside_panel import BesidePanel
 from hil.cli.complaint import interruptible
+from hil.cli.live_command import LiveCommand
 from hil.cli.options import (
     Bitrate,
     Channel,
@@ -20,6 +21,8 @@ from hil.cli.options import (
     Duration,
     Interface,
     LawName,
+    LiveChoice,
+    LivePageChoice,
     OutDir,
     PanelEmulator,
     ReportChoice,
@@ -32,6 +35,8 @@ HOLD = Path("hold")
 """The shipped scenario that holds the operating point until an operator stops the run."""
 
 EXAMPLE = "hil run steps -i socketcan -c can0"
+
+COMMAND = LiveCommand
 
 
 def run(
@@ -65,11 +70,8 @@ def run(
     priority: Annotated[
         Optional[int], typer.Option(metavar="1..99", help="Priority of SCHED_FIFO. Default: 80.")
     ] = None,
-    live: Annotated[
-        bool,
-        typer.Option("--live", help="Show the run in the Rerun viewer while it goes on; as a page without a screen."),
-    ] = False,
-    live_web: Annotated[bool, typer.Option("--live-web", help="The same as a page, screen or not.")] = False,
+    live: LiveChoice = False,
+    live_web: LivePageChoice = False,
     cpu: Annotated[Optional[int], typer.Option(metavar="N", help="Use this processor only. Default: any.")] = None,
     control: Annotated[
         Optional[Path],

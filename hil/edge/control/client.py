@@ -25,6 +25,7 @@ Message = dict[str, Any]
 
 MAX_MESSAGE = 1 << 20
 RETRIES, RETRY_S = 3, 0.1
+"""For a socket on which nobody listens yet."""
 
 
 class ControlClient:
@@ -43,7 +44,7 @@ class ControlClient:
         connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         connection.settimeout(timeout_s)
         try:
-            _connect(connection, os.fspath(path))
+            _connect(connection, os.fspath(path), timeout_s)
             client = cls(connection, timeout_s)
             first = client._next(time.monotonic() + timeout_s)
         except (OSError, ValueError) as error:
@@ -80,7 +81,7 @@ class ControlClient:
         request_id = next(self._ids)
         message = {"v": 1, "id": request_id, "do": do, **keys}
         try:
-            self._socket.sendall(json.dumps(message).encode() + b"\n")
+            self._socket.sendall(json.dumps(message, ensure_ascii=False).encode(errors="replace") + b"\n")
         except OSError as error:
             raise ControlError(f"the run is gone: {error.strerror or error}") from None
         return request_id
@@ -144,16 +145,22 @@ class ControlClient:
         return message if isinstance(message, dict) else {}
 
 
-def _connect(connection: socket.socket, path: str) -> None:
-    """A run that has just made its socket may not listen yet. Raises OSError."""
-    for _ in range(RETRIES):
+def _connect(connection: socket.socket, path: str, timeout_s: float) -> None:
+    """A run that has just made its socket may not listen yet; one that many connect to at once has a full queue.
+
+    Raises OSError.
+    """
+    end_s, refused = time.monotonic() + timeout_s, 0
+    while True:
         try:
             connection.connect(path)
-        except ConnectionRefusedError:
+        except (BlockingIOError, ConnectionRefusedError) as error:
+            refused += isinstance(error, ConnectionRefusedError)
+            if refused > RETRIES or time.monotonic() > end_s:
+                raise
             time.sleep(RETRY_S)
         else:
             return
-    connection.connect(path)
 
 
 def find_run(folder: str | os.PathLike[str] | None = None, path: str | os.PathLike[str] | None = None) -> Path:
@@ -163,16 +170,32 @@ def find_run(folder: str | os.PathLike[str] | None = None, path: str | os.PathLi
     """
     if path is not None:
         return Path(path)
-    runs = running_runs()
+    run = listed_run(folder)
+    if run is not None:
+        return Path(run.socket)
     if folder is not None:
-        wanted = Path(folder).absolute()
-        listed = [run for run in runs if Path(run.folder) == wanted]
-        return Path(listed[0].socket) if listed else wanted / SOCKET_NAME
-    if not runs:
-        raise ControlError("no run goes on; give --run FOLDER or --socket PATH for one that was started elsewhere")
-    if len(runs) > 1:
+        return Path(folder).absolute() / SOCKET_NAME
+    runs = running_runs()
+    if runs:
         raise ControlError(f"more than one run goes on, give --run FOLDER: {listing(runs)}")
-    return Path(runs[0].socket)
+    raise ControlError("no run goes on; give --run FOLDER or --socket PATH for one that was started elsewhere")
+
+
+def listed_run(
+    folder: str | os.PathLike[str] | None = None, path: str | os.PathLike[str] | None = None
+) -> RunningRun | None:
+    """The run that `find_run` means, with its process; None where the list of running runs does not have just one."""
+    runs = running_runs()
+    if path is not None:
+        runs = [run for run in runs if _is_same(run.socket, path)]
+    elif folder is not None:
+        runs = [run for run in runs if _is_same(run.folder, folder)]
+    return runs[0] if len(runs) == 1 else None
+
+
+def _is_same(listed: str, given: str | os.PathLike[str]) -> bool:
+    """Whether both are the same place, also by links, and when it was removed."""
+    return Path(listed).resolve() == Path(given).resolve()
 
 
 def listing(runs: list[RunningRun]) -> str:

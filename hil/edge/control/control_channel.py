@@ -7,7 +7,6 @@ state) or kept for the next step within limits (answers, events). If it dies, is
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import pickle
 import socket
@@ -18,9 +17,10 @@ from types import TracebackType
 from typing import Any
 
 from hil.core.controller import ControllerConfig, ControllerState, Output
-from hil.core.live_request import MOVES_WATER, Author, LiveAction, LiveRequest
+from hil.core.live_request import MOVES_WATER, LiveAction, LiveRequest
 from hil.core.live_view import view
-from hil.core.types import Event, Inputs, Severity, TripCause
+from hil.core.types import Event, Inputs, Severity
+from hil.edge.control.handed_request import unpacked
 from hil.edge.control.socket_path import ControlError, ServerSettings
 
 MAX_READS = 10
@@ -151,7 +151,7 @@ class ControlChannel:
                 self._lost = "its process ended"
                 return
             with contextlib.suppress(KeyError, TypeError, ValueError):
-                self._waiting.append(_request(json.loads(data)))
+                self._waiting.append(unpacked(data))
 
     def _hand_over(self, shown: dict[str, object] | None) -> bool:
         """One write that does not wait; answers and events that were not taken stay for the next step."""
@@ -183,24 +183,3 @@ def _as_sent(event: Event, t_s: float | None) -> dict[str, object]:
         "text": event.text,
         "data": event.data,
     }
-
-
-def _request(data: dict[str, Any]) -> LiveRequest:
-    """What the process has checked. Raises KeyError, TypeError or ValueError for anything else."""
-    user, pid, client = data["author"]
-    pairs = {
-        name: None if data[name] is None else (data[name][0], data[name][1])
-        for name in ("levels_V", "levels_cm", "change_V", "voltage_V")
-    }
-    interlock = data["interlock"]
-    return LiveRequest(
-        number=int(data["number"]),
-        action=LiveAction(data["action"]),
-        author=Author(str(user), int(pid), int(client)),
-        sent=dict(data["sent"]),
-        ramp_s=float(data["ramp_s"]),
-        interlock=None if interlock is None else TripCause(interlock),
-        for_s=float(data["for_s"]),
-        text=str(data["text"]),
-        **pairs,
-    )

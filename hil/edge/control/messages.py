@@ -198,7 +198,9 @@ def _printable(value: Any) -> Any:
     """Text as it may stand in a record and on a terminal."""
     if isinstance(value, dict):
         return {key: _printable(item) for key, item in value.items()}
-    return "".join(c if c.isprintable() else "?" for c in value) if isinstance(value, str) else value
+    if not isinstance(value, str):
+        return value
+    return "".join(c if c.isprintable() else " " if c.isspace() else "?" for c in value)
 
 
 def _refuse_constant(name: str) -> float:

@@ -10,7 +10,6 @@ those of docs/reference/control-channel.md.
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import pickle
 import select
@@ -20,11 +19,11 @@ import socket
 import sys
 import time
 from collections import deque
-from pathlib import Path
-from typing import Any
 
-from hil.core.live_request import Author, LiveRequest
+from hil.core.live_request import Author
 from hil.edge.control.client_connection import MAX_STATE_BACKLOG, ClientConnection
+from hil.edge.control.handed_request import packed
+from hil.edge.control.listening_place import ListeningPlace
 from hil.edge.control.messages import (
     VERSION,
     ClientRequest,
@@ -35,17 +34,23 @@ from hil.edge.control.messages import (
     parse,
     to_line,
 )
-from hil.edge.control.socket_path import ServerSettings, announce, listen
+from hil.edge.control.socket_path import ServerSettings
 from hil.edge.control.step_rhythm import StepRhythm
 from hil.edge.host.background import step_back
 
 MAX_CLIENTS = 32
+STOP_PLACES = 8
+"""Clients beyond that: a stop is all that they can ask for. The oldest of them makes room for the next."""
+
 MAX_WAITING = 20
 """Requests that the control thread has not answered yet. A stop is taken beyond that, up to twice as many: then there
 are others among them."""
 
 MAX_MESSAGE = 1 << 18
 ROUND_S = 0.25
+RENEW_S = 1.0
+"""How often the server looks whether clients can still find it."""
+
 REST_S = 0.1
 """A client that has sent too much is not read for so long; nobody is let in for so long after one too many."""
 
@@ -57,12 +62,13 @@ Update = tuple[tuple[Answer, ...], tuple[dict[str, object], ...], dict[str, obje
 
 
 class ControlServer:
-    """line : to the control thread. listener : where clients connect. period_s : of the control steps; 0: unknown."""
+    """line : to the control thread. place : where clients connect. period_s : of the control steps; 0: unknown."""
 
     def __init__(
-        self, line: socket.socket, listener: socket.socket, hello: dict[str, object], period_s: float = 0.0
+        self, line: socket.socket, place: ListeningPlace, hello: dict[str, object], period_s: float = 0.0
     ) -> None:
-        self._line, self._listener = line, listener
+        self._line, self._place, self._listener = line, place, place.listener
+        self._renew_at_s = time.monotonic() + RENEW_S
         self._rhythm = StepRhythm(period_s)
         self._hello = to_line({"v": VERSION, "hello": hello})
         self._clients: dict[int, ClientConnection] = {}
@@ -75,7 +81,7 @@ class ControlServer:
         self._accepts_at_s = 0.0
         self._selector = selectors.DefaultSelector()
         self._selector.register(line, selectors.EVENT_READ)
-        self._selector.register(listener, selectors.EVENT_READ)
+        self._selector.register(self._listener, selectors.EVENT_READ)
 
     def work(self) -> None:
         """Until the control thread is gone."""
@@ -92,6 +98,7 @@ class ControlServer:
                     self._serve(key.data, mask)
             self._serve_rest()
             self._flush()
+            self._renew()
         for client in list(self._clients.values()):
             client.flush()
             self._drop(client)
@@ -124,14 +131,31 @@ class ControlServer:
         if client is None:
             connection.close()
             return
-        if len(self._clients) >= MAX_CLIENTS:
-            client.put(answer_line(None, self._t_s, f"{MAX_CLIENTS} clients are served already", "too_many"))
-            client.flush()
-            connection.close()
-            self._accepts_at_s = time.monotonic() + REST_S
-            return
         client.put(self._hello)
         self._clients[client.number] = client
+        beyond = self._beyond()
+        if beyond:
+            self._accepts_at_s = time.monotonic() + REST_S
+        if len(beyond) > STOP_PLACES:
+            has_asked = {one.number for one, _ in self._waiting.values()}
+            self._drop(next((one for one in beyond if one.number not in has_asked), beyond[0]))
+
+    def _beyond(self) -> list[ClientConnection]:
+        """The clients that are too many, the oldest first: those that have come last."""
+        return list(self._clients.values())[MAX_CLIENTS:]
+
+    def _renew(self) -> None:
+        """Listen elsewhere when the socket was removed, as with its run folder."""
+        now_s = time.monotonic()
+        if now_s < self._renew_at_s:
+            return
+        self._renew_at_s = now_s + RENEW_S
+        listener = self._place.renew()
+        if listener is not None:
+            if self._listener in self._selector.get_map():
+                self._selector.unregister(self._listener)
+            self._listener.close()
+            self._listener = listener
 
     def _serve(self, client: ClientConnection, mask: int) -> None:
         if mask & selectors.EVENT_WRITE:
@@ -157,8 +181,14 @@ class ControlServer:
             client.may_ask(now_s)
             client.put(answer_line(error.request_id, self._t_s, str(error), "bad_request"))
             return
-        if not client.may_ask(now_s) and message.do != "stop":
+        is_stop = message.do == "stop"
+        if not client.may_ask(now_s) and not is_stop:
             client.put(answer_line(message.id, self._t_s, "more than 20 requests in a second", "too_many"))
+        elif not is_stop and client in self._beyond():
+            text = f"{MAX_CLIENTS} clients are served already; one more can only stop the run"
+            client.put(answer_line(message.id, self._t_s, text, "too_many"))
+            client.flush()
+            client.is_lost = True
         elif isinstance(message, SubscribeRequest):
             client.subscribe(message.rate_hz, message.events)
             client.put(answer_line(message.id, self._t_s, f"states at {message.rate_hz:g} Hz"))
@@ -183,7 +213,7 @@ class ControlServer:
         self._number += 1
         request = live_request(message, self._number, Author(client.user, client.pid, client.number))
         self._waiting[self._number] = (client, message.id)
-        data = json.dumps(_as_sent(request)).encode()
+        data = packed(request)
         if is_stop:
             self._outbox.appendleft(data)
         else:
@@ -253,24 +283,6 @@ class ControlServer:
         del self._clients[client.number]
 
 
-def _as_sent(request: LiveRequest) -> dict[str, Any]:
-    """For `ControlChannel`, which makes a request of it again."""
-    return {
-        "number": request.number,
-        "action": request.action.value,
-        "author": [request.author.user, request.author.pid, request.author.client],
-        "sent": request.sent,
-        "levels_V": request.levels_V,
-        "levels_cm": request.levels_cm,
-        "change_V": request.change_V,
-        "ramp_s": request.ramp_s,
-        "voltage_V": request.voltage_V,
-        "interlock": request.interlock,
-        "for_s": request.for_s,
-        "text": request.text,
-    }
-
-
 def main(descriptor: int) -> int:
     """Serve one run, on the socket that its control thread has handed to this process."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGPIPE):
@@ -280,24 +292,18 @@ def main(descriptor: int) -> int:
         if not data:
             return 0
         settings: ServerSettings = pickle.loads(data)  # noqa: S301 - from our own parent
-        announced: Path | None = None
         try:
-            listener = listen(settings.socket)
+            place = ListeningPlace(settings.socket, settings.run)
         except Exception as error:  # noqa: BLE001 - whatever it is, the run says it in one line
             line.send(pickle.dumps(f"{error}"))
             return 1
         try:
-            with contextlib.suppress(Exception):  # then it is found by its folder alone
-                announced = announce(settings.run)
             step_back()
             line.send(pickle.dumps(None))
             line.setblocking(False)
-            ControlServer(line, listener, settings.hello, settings.period_s).work()
+            ControlServer(line, place, settings.hello, settings.period_s).work()
         finally:
-            for path in (settings.socket, announced):
-                if path is not None:
-                    with contextlib.suppress(OSError):
-                        path.unlink(missing_ok=True)
+            place.remove()
     return 0
 
 

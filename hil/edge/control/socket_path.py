@@ -9,10 +9,11 @@ import socket
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from hil.core.errors import HilError
+from hil.edge.control.run_process import RunProcess, start_time
 
 MAX_PATH_BYTES = 107
 """Of a Unix socket on Linux: 108 with the zero at the end (man 7 unix)."""
@@ -27,13 +28,24 @@ class ControlError(HilError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class RunningRun:
-    """A run that listens: its process, folder, socket, scenario, and when it began."""
+    """A run that goes on: its process, folder, socket, scenario, and when it began.
+
+    process_start : of its process, in ticks since boot; "" where it is not known.
+    """
 
     pid: int
     folder: str
     socket: str
     scenario: str
     started_utc: str
+    process_start: str = ""
+
+    @property
+    def process(self) -> RunProcess:
+        """Its process, which is never a later one with the same number."""
+        process = RunProcess()
+        process.note(self.pid, self.process_start)
+        return process
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +61,12 @@ class ServerSettings:
 def runtime_dir() -> Path:
     """The folder of this user where running runs are listed; it need not exist."""
     base = os.environ.get("XDG_RUNTIME_DIR", "")
-    return Path(base) / "fourtank-hil" if base else Path(f"/tmp/fourtank-hil-{os.getuid()}")  # noqa: S108
+    return Path(base) / "fourtank-hil" if base else _without_session()
+
+
+def _without_session() -> Path:
+    """The same for a program that has no XDG_RUNTIME_DIR, such as one that cron or sudo has started."""
+    return Path(f"/tmp/fourtank-hil-{os.getuid()}")  # noqa: S108
 
 
 def made_runtime_dir() -> Path:
@@ -60,9 +77,13 @@ def made_runtime_dir() -> Path:
         found = path.lstat()
     except OSError as error:
         raise ControlError(f"{path} can't be made: {error.strerror}") from None
-    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or stat.S_IMODE(found.st_mode) & 0o077:
+    if not _is_mine_alone(found):
         raise ControlError(f"{path} must be a folder of this user alone (mode 0700)")
     return path
+
+
+def _is_mine_alone(found: os.stat_result) -> bool:
+    return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not stat.S_IMODE(found.st_mode) & 0o077
 
 
 def place_of(folder: Path, wanted: Path | None, pid: int) -> Path:
@@ -103,17 +124,20 @@ def listen(path: Path) -> socket.socket:
 
 
 def running_runs() -> list[RunningRun]:
-    """The runs of this user that go on, the oldest first. Lists of runs that were killed are removed."""
+    """The runs of this user that go on, the oldest first; also those whose channel is lost. Other lists are removed."""
     runs = []
-    with suppress(OSError):
-        for path in sorted(runtime_dir().glob("*.json")):
-            run = _read(path)
-            if run is None:
-                continue
-            if _is_alive(run.pid) and is_listening(Path(run.socket)):
-                runs.append(run)
-            elif not _is_alive(run.pid):
-                path.unlink(missing_ok=True)
+    for folder in {runtime_dir(), _without_session()}:
+        with suppress(OSError):
+            if not _is_mine_alone(folder.lstat()):
+                continue  # whoever may write there could name a process to be stopped
+            for path in folder.glob("*.json"):
+                run = _read(path)
+                if run is None:
+                    continue
+                if run.process.is_alive:
+                    runs.append(run)
+                else:
+                    path.unlink(missing_ok=True)
     return sorted(runs, key=lambda run: run.started_utc)
 
 
@@ -123,7 +147,7 @@ def announce(run: RunningRun) -> Path:
     path.unlink(missing_ok=True)
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
     with os.fdopen(descriptor, "w", encoding="utf-8") as file:
-        file.write(json.dumps(asdict(run)) + "\n")
+        file.write(json.dumps(asdict(replace(run, process_start=start_time(run.pid)))) + "\n")
     return path
 
 
@@ -133,8 +157,8 @@ def is_listening(path: Path) -> bool:
         probe.settimeout(PROBE_TIMEOUT_S)
         try:
             probe.connect(os.fspath(path))
-        except TimeoutError:
-            return True  # its queue is full
+        except (TimeoutError, BlockingIOError):
+            return True  # its queue of new clients is full
         except (OSError, ValueError):
             return False
     return True
@@ -187,14 +211,5 @@ def _read(path: Path) -> RunningRun | None:
         run = RunningRun(**data)
     except (OSError, ValueError, TypeError):
         return None
-    return run if isinstance(run.pid, int) and isinstance(run.socket, str) else None
-
-
-def _is_alive(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        return True
-    return True
+    texts = (run.folder, run.socket, run.scenario, run.started_utc, run.process_start)
+    return run if isinstance(run.pid, int) and all(isinstance(text, str) for text in texts) else None

@@ -81,6 +81,7 @@ class ProcessRecorder:
         self._errors: tuple[str, ...] = ()
         self._t_s = 0.0
         self._lost_at_s: float | None = None
+        self._told, self._has_told_drop = 0, False
 
     def __enter__(self) -> ProcessRecorder:
         """Nothing to do: the process is on its way up."""
@@ -140,6 +141,18 @@ class ProcessRecorder:
     def health(self) -> RecorderHealth:
         """What has failed, was dropped, and waits here or there."""
         return RecorderHealth(self._errors, self._dropped, self._put - self._taken - self._dropped)
+
+    def troubles(self) -> tuple[Event, ...]:
+        """What has failed since the last call, for an operator; the record says it as far as it can."""
+        if len(self._errors) == self._told and (self._dropped == 0 or self._has_told_drop):
+            return ()
+        code = "recorder_failed" if self._lost_at_s is None else "recorder_lost"
+        found = [Event(Severity.ERROR, code, text) for text in self._errors[self._told :]]
+        self._told = len(self._errors)
+        if self._dropped and not self._has_told_drop:
+            self._has_told_drop = True
+            found.append(Event(Severity.WARNING, "record_dropped", "the record has gaps: the recorder can't keep up"))
+        return tuple(found)
 
     def close(
         self, status: Status, reason: str, *, speed_x: float | None = None, timeout_s: float = CLOSE_TIMEOUT_S

@@ -17,14 +17,14 @@ class RunProcess:
     def __init__(self) -> None:
         self._pid, self._started = 0, ""
 
-    def note(self, pid: int) -> None:
-        """The run has said that this is its process."""
-        self._pid, self._started = pid, _start_time(pid)
+    def note(self, pid: int, started: str | None = None) -> None:
+        """The run has said that this is its process. started : as by `start_time`; None: the one that is there now."""
+        self._pid, self._started = pid, start_time(pid) if started is None else started
 
     @property
     def is_alive(self) -> bool:
         """Whether that process is still there."""
-        return self._pid > 1 and self._started != "" and _start_time(self._pid) == self._started
+        return self._pid > 1 and self._started != "" and start_time(self._pid) == self._started
 
     def terminate(self) -> bool:
         """Send SIGTERM. False when the process is not there, or not this user's."""
@@ -37,7 +37,7 @@ class RunProcess:
         return True
 
 
-def _start_time(pid: int) -> str:
+def start_time(pid: int) -> str:
     """When a process started, in ticks since boot; "" when there is none."""
     try:
         fields = (PROC / str(pid) / "stat").read_text().rpartition(")")[2].split()
