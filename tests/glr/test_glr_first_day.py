@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from hil.core.diagnosis.glr import first_day, own_verdict
+from hil.core.diagnosis.glr import declaration, first_day, own_verdict
 from hil.core.diagnosis.glr.filter import PERIOD, READING, VARIANCE, VOLTAGE, WEIGHT, StepResult
 from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, jumps_of
-from hil.core.diagnosis.glr.memory import Declared, Memory, Wide
+from hil.core.diagnosis.glr.memory import Declared, Lost, Memory, Suspicion, Wide
 from hil.core.diagnosis.glr.model import BIAS, GAIN, LAG, LEAK, OUTLET, SCALE, N
 from hil.core.types import Measurement
 from tests.glr.glr_bench import DETECTOR
@@ -125,6 +125,47 @@ def test_what_follows_a_fault_is_reported(state: int, size: float, *, is_wide: b
     m = a_verdict(OUTLET, 1.08, is_wide=is_wide)
     m.declared[number_of(state)] = Declared("pump_effectiveness", size, 1.0, 1, 20.0, 20.0)
     assert own_verdict.is_own(CONFIG, m, number_of(OUTLET)) is is_own
+
+
+@pytest.mark.parametrize(
+    ("kind", "is_wide", "is_learned"),
+    [
+        ("sensor_stuck", True, True),
+        ("sensor_open", True, True),
+        ("sensor_drift", True, False),
+        ("sensor_stuck", False, False),
+    ],
+)
+def test_a_sensor_whose_own_readings_show_that_it_failed_does_not_end_the_learning(
+    kind: str, *, is_wide: bool, is_learned: bool
+) -> None:
+    """A large step 90 s after a stuck sensor was a question for 3 s, and the run tripped: a level was not known."""
+    m = a_memory(0.0, 0.6)
+    m.is_wide = is_wide
+    m.lost[1] = Lost(kind, 1, 20.0)
+    assert own_verdict.is_learned_on(m) is is_learned
+
+
+@pytest.mark.parametrize(
+    ("open_s", "quiet_s", "is_quiet", "is_blind"),
+    [
+        (2.9, 0.0, False, False),
+        (3.1, 0.0, False, True),
+        (5.4, 0.0, True, False),
+        (5.6, 0.0, True, True),
+        (1.0, 1.9, False, False),
+        (1.0, 2.1, False, True),
+    ],
+)
+def test_without_a_lower_sensor_what_may_be_the_rigs_own_has_time_for_its_verdict(
+    open_s: float, quiet_s: float, *, is_quiet: bool, is_blind: bool
+) -> None:
+    """The verdict that it is the rig's own comes after 5 s at the latest, and a run would trip after 3 s."""
+    m = a_memory(0.0, 0.6)
+    m.lost[1] = Lost("sensor_stuck", 1, 20.0)
+    number = None if is_quiet else 2
+    m.suspicion = Suspicion(number=number, detected_s=m.t_s - open_s, is_quiet=is_quiet, quiet_s=quiet_s)
+    assert declaration.is_blind(m) is is_blind
 
 
 @pytest.mark.parametrize(

@@ -36,8 +36,8 @@ PROVEN_S, PROVEN_SHARE = 1.0, 0.1
 PROVEN_STDS = 2.0
 """A weak pump at rest has that share for sure if its gain is larger by so many standard deviations."""
 
-BLIND_S = 3.0
-"""How long an alarm may be unresolved while a lower tank has no sensor."""
+BLIND_S, QUIET_BLIND_S = 3.0, 5.5
+"""How long an alarm may be unresolved while a lower tank has no sensor, and something that may be the rig's own."""
 
 STILL_THERE = 0.7
 """A fault that has kept more than this share of its size is not over."""
@@ -291,11 +291,16 @@ def is_blind(m: Memory) -> bool:
         if sensor in PUMPS:
             if m.unknown is not None:
                 return True
-            if m.suspicion is not None and m.t_s - m.suspicion.detected_s > BLIND_S:
+            if m.suspicion is not None and _is_open_too_long(m, m.suspicion):
                 return True
             if any(m.declared[j].declared_s > lost.since_s for j in (sensor, SPLITS[sensor]) if j in m.declared):
                 return True
     return False
+
+
+def _is_open_too_long(m: Memory, suspicion: Suspicion) -> bool:
+    open_s = m.t_s - suspicion.detected_s + suspicion.quiet_s
+    return open_s > (QUIET_BLIND_S if suspicion.is_quiet else BLIND_S)
 
 
 def _shown(config: DetectorConfig, m: Memory, j: int, healthy: float) -> tuple[float, float]:

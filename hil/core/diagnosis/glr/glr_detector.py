@@ -115,8 +115,8 @@ class GlrDetector:
             alarms += isolation.isolate(config, m, m.suspicion)
         alarms += declaration.follow_growth(config, m)
         alarms += declaration.follow_lags(config, m)
-        if m.unknown is None and own_verdict.is_learned_on(m):  # what a pump gives after a fault is not known so well
-            alarms += strength.step(m)
+        if m.unknown is None and not m.lost and own_verdict.is_learned_on(m):
+            alarms += strength.step(m)  # what a pump gives after a fault is not known so well
         declaration.watch_unproven(m)
         return m, self._diagnosis(m, alarms)
 

@@ -155,6 +155,7 @@ def _speak(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> None:
     if own(config, m, suspicion.leader) is not None:
         return
     m.alarms += 1
+    suspicion.quiet_s = m.t_s - suspicion.detected_s
     suspicion.number, suspicion.detected_s, suspicion.is_quiet = m.alarms, m.t_s, False
 
 

@@ -140,12 +140,14 @@ class Suspicion:
     before the replays have found one. is_told : whether it was reported that candidates remain after the time for it.
     sharpen_at : step from which other onsets may be tried again.
     mean_V : (2,) slow mean of the pumps' voltages; moved_s : for how long a pump was away from it.
-    is_quiet : whether no alarm was raised because it may be the rig's own, see `first_day`.
+    is_quiet : whether no alarm was raised because it may be the rig's own, see `first_day`. quiet_s : for how long that
+    was so before the alarm.
     """
 
     number: int | None
     detected_s: float
     is_quiet: bool = False
+    quiet_s: float = 0.0
     leader: int | None = None
     is_told: bool = False
     sharpen_at: int = 0

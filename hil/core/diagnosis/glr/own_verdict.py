@@ -45,6 +45,9 @@ MINOR = 0.15
 does: while one grows, learning took its growth for the rig's own."""
 
 
+DRIFTS = "sensor_drift"
+
+
 def is_own(config: DetectorConfig, m: Memory, winner: int) -> bool:
     """Whether a verdict says what the rig has always been, so that it is learned and not reported.
 
@@ -148,14 +151,17 @@ def _has_left_zone(m: Memory, winner: int, onset: int) -> bool:
 
 
 def is_learned_on(m: Memory) -> bool:
-    """Whether the rig goes on to be learned: no sensor is lost.
+    """Whether the rig goes on to be learned.
 
-    And no more is declared than lags, biases of sensors, and MINOR losses of pumps.
+    No more may be declared than lags, biases of sensors, and MINOR losses of pumps. A lost sensor ends it, too, but not
+    on a rig that is proven not to be as its file says if its own readings show that it has failed: that says nothing of
+    the process, which a drift may.
     """
     own = (
         j in LAGS or JUMPS[j].state >= BIAS or (j in PUMPS and abs(one.size) <= MINOR) for j, one in m.declared.items()
     )
-    return not m.lost and all(own)
+    is_sure = m.is_wide and all(lost.kind != DRIFTS for lost in m.lost.values())
+    return (not m.lost or is_sure) and all(own)
 
 
 def is_from_begin(m: Memory, onset: int) -> bool:
