@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hil.core.diagnosis.glr import declaration, first_day, own_verdict
+from hil.core.diagnosis.glr import declaration, first_day, isolation, own_verdict
 from hil.core.diagnosis.glr.filter import PERIOD, READING, VARIANCE, VOLTAGE, WEIGHT, StepResult
 from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, jumps_of
 from hil.core.diagnosis.glr.memory import Declared, Lost, Memory, Suspicion, Wide
@@ -244,6 +244,7 @@ def test_a_quicker_pump_is_likelier_than_another_gain(
 ) -> None:
     """A lag that was learned too long was a pump with 1.36 of its gain at the first large step. No fault is shorter."""
     m = a_verdict(LAG, 4.0 + size, is_wide=True)
+    m.t_s = 400.0  # before, a longer one is chosen, and reported
     lag = number_of(LAG)
     m.replays.before[lag, LAG] = 4.0
     m.replays.dropped[:] = 1
@@ -269,7 +270,77 @@ def test_what_may_be_the_rigs_own_is_not_announced_at_once(
     m.best.ratio[:], m.max_ratio = 0.0, 21.0
     m.best.ratio[number_of(state)], m.best.slot[:] = 21.0, 0
     m.bank.onset[0] = 290
-    assert own_verdict.may_be_own(m) is is_quiet
+    assert own_verdict.may_be_own(CONFIG, m) is is_quiet
+
+
+@pytest.mark.parametrize(("behind", "is_quiet"), [(4.0, True), (6.0, False)])
+def test_a_sensor_that_hardly_leads_does_not_make_a_question_at_once(behind: float, *, is_quiet: bool) -> None:
+    """A bias led a pump by 4.6 in the bank; three steps later the filter from 3.5 s before explained all of it."""
+    m = a_memory(0.0, 0.6)
+    m.is_wide = True
+    m.best.ratio[:], m.max_ratio = 0.0, 21.0
+    m.best.ratio[number_of(BIAS)], m.best.ratio[number_of(GAIN)], m.best.slot[:] = 21.0, 21.0 - behind, 0
+    m.bank.onset[0] = 290
+    assert own_verdict.may_be_own(CONFIG, m) is is_quiet
+
+
+def near_each_other(*found: tuple[int, float, float]) -> Memory:
+    """An unknown rig on which these states may have changed by so much, with this evidence."""
+    m = a_memory(0.0, 0.6)
+    m.is_wide = True
+    m.times_s = [0.1 * step for step in range(len(m.times_s))]
+    m.replays.before[:], m.replays.x[:], m.replays.onset[:], m.replays.dropped[:] = m.x, m.x, 290, 1
+    m.replays.evidence[:] = 0.0
+    for state, size, evidence in found:
+        number = number_of(state)
+        m.replays.dropped[number], m.replays.evidence[number] = 0, evidence
+        m.replays.x[number, state] += size
+    return m
+
+
+@pytest.mark.parametrize(
+    ("found", "leads"),
+    [
+        (((GAIN, -0.01, 28.0), (OUTLET, -0.01, 29.0), (GAIN + 1, -0.4, 20.0)), OUTLET),
+        (((GAIN, -0.01, 28.0), (OUTLET, -0.01, 29.0), (GAIN + 1, -0.4, 25.0)), None),
+        (((OUTLET, -0.01, 29.0), (BIAS, 0.1, 25.0)), None),
+        (((GAIN + 1, -0.4, 29.0), (OUTLET, -0.01, 20.0)), None),
+    ],
+)
+def test_what_may_be_the_rigs_own_need_not_be_told_apart(
+    found: tuple[tuple[int, float, float], ...], leads: int | None
+) -> None:
+    """A question stood open for 5 s although all that explained the readings were changes of less than 1 %."""
+    m = near_each_other(*found)
+    number = own_verdict.leads_as_own(CONFIG, m, m.replays.evidence[: BOTH + 1])
+    assert number == (None if leads is None else number_of(leads))
+
+
+@pytest.mark.parametrize(
+    ("t_s", "moved_V", "lag", "is_chosen"),
+    [(77.0, 0.6, 46.0, True), (77.0, 0.6, 44.0, False), (77.0, 0.4, 46.0, False), (310.0, 0.6, 46.0, False)],
+)
+def test_on_a_rig_that_is_being_learned_a_longer_lag_comes_before_another_fault(
+    t_s: float, moved_V: float, lag: float, *, is_chosen: bool
+) -> None:
+    """A lag of 0.98 s, learned as 0.6 s, was a question for 12 s, beside a pump with 0.8 of its gain; then neither."""
+    m = near_each_other((GAIN, -0.25, 50.0), (LAG, 2.2, lag))
+    m.t_s = t_s
+    m.history.entries[295, VOLTAGE + 1] = 3.0 + moved_V
+    number = own_verdict.own_instead(CONFIG, m, number_of(GAIN))
+    assert number == (number_of(LAG) if is_chosen else None)
+    assert not own_verdict.is_own(CONFIG, m, number_of(LAG)), "it is reported"
+
+
+@pytest.mark.parametrize(("t_s", "open_s", "is_told"), [(30.0, 1.5, False), (-30.0, 0.9, False), (-30.0, 1.0, True)])
+def test_in_a_start_phase_no_alarm_is_kept_back_for_more_than_a_second(
+    t_s: float, open_s: float, *, is_told: bool
+) -> None:
+    m = near_each_other((OUTLET, -0.01, 29.0))
+    m.t_s = t_s
+    m.suspicion = Suspicion(number=None, detected_s=t_s - open_s, is_quiet=True, leader=number_of(OUTLET))
+    isolation._speak(CONFIG, m, m.suspicion)
+    assert (m.suspicion.number is not None) is is_told
 
 
 def test_the_filter_beside_the_wide_one_is_not_renewed_while_something_is_near() -> None:

@@ -109,7 +109,7 @@ class GlrDetector:
             alarms += sensor_monitor.readmit(config, m, measurement)
         is_found = m.suspicion is None and m.unknown is None and m.max_ratio >= config.tuning.detect
         if is_found and t_s - m.begun_s >= config.tuning.settle_s and not first_day.explains_alarm(config, m):
-            isolation.suspect(m)
+            isolation.suspect(config, m)
         ambiguity.watch_movement(m)
         if m.suspicion is not None:
             alarms += isolation.isolate(config, m, m.suspicion)
@@ -273,6 +273,6 @@ class GlrDetector:
         for number in range(1, 4):
             self._note(m, 0.1 * number, reading, (3.0, 3.0))
             self._filter(m)
-        isolation.suspect(m)
+        isolation.suspect(self.config, m)
         if m.suspicion is not None:
             isolation.isolate(self.config, m, m.suspicion)

@@ -55,14 +55,18 @@ PLAIN = -1
 VARIANT_MARGIN = 1.0
 """By how much another variant of a hypothesis must explain the readings better to take its place."""
 
-QUIET_S, FIRST_S = 5.0, 2.0
-"""What may be the rig's own is learned after the first time, unless a fault explains the readings better by then."""
+QUIET_S, FIRST_S, OWN_S = 5.0, 2.0, 0.5
+"""What may be the rig's own is learned after the first time, unless a fault explains the readings better by then; after
+the last, if it leads all else."""
+
+START_QUIET_S = 1.0
+"""In a start phase, which an open alarm ends, no alarm is kept back for longer."""
 
 FAR_BEHIND = 0.25
 """A hypothesis with less than this share of the leader's ratio has no onset worth its own replay."""
 
 
-def suspect(m: Memory) -> None:
+def suspect(config: DetectorConfig, m: Memory) -> None:
     """Raise an alarm: put one filter a hypothesis at the onset that the bank finds likeliest for it.
 
     Hypotheses with much smaller ratios begin at the leader's onset: theirs may be long ago, and long replays cost time.
@@ -70,7 +74,7 @@ def suspect(m: Memory) -> None:
     own, not for a short time.
     """
     leader = int(np.argmax(m.best.ratio))
-    m.suspicion = Suspicion(number=None, detected_s=m.t_s, is_quiet=own_verdict.may_be_own(m))
+    m.suspicion = Suspicion(number=None, detected_s=m.t_s, is_quiet=own_verdict.may_be_own(config, m))
     if not m.suspicion.is_quiet and not any(j in m.declared for j in jumps_of(leader)):
         m.alarms += 1
         m.suspicion.number = m.alarms
@@ -119,7 +123,10 @@ def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Ala
         winner = None
     if winner is not None and not is_overtaken and ambiguity.is_drift_or_level(config, m, winner, is_late=is_late):
         winner = None
-    if not m.is_doubtful and (winner is not None or m.t_s - suspicion.detected_s >= QUIET_S):
+    open_s = m.t_s - suspicion.detected_s
+    if winner is None and suspicion.is_quiet and is_seen and not m.is_doubtful and open_s >= OWN_S:
+        winner = own_verdict.leads_as_own(config, m, evidence)
+    if not m.is_doubtful and (winner is not None or open_s >= QUIET_S):
         own = own_verdict.own_instead(config, m, order[0])
         winner = winner if own is None else own
     likeliest = order[0] if is_possible else int(np.argmax(r.evidence[: H + 1]))
@@ -151,8 +158,9 @@ def _speak(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> None:
     """
     if not suspicion.is_quiet or suspicion.leader is None:
         return
-    own = own_verdict.own_near if m.t_s - suspicion.detected_s < FIRST_S else own_verdict.own_instead
-    if own(config, m, suspicion.leader) is not None:
+    open_s, is_start = m.t_s - suspicion.detected_s, m.t_s < 0.0
+    own = own_verdict.own_near if open_s < FIRST_S else own_verdict.own_instead
+    if own(config, m, suspicion.leader) is not None and not (is_start and open_s >= START_QUIET_S):
         return
     m.alarms += 1
     suspicion.quiet_s = m.t_s - suspicion.detected_s

@@ -16,8 +16,9 @@ from hil.core.diagnosis.glr.declaration import IDLE_V
 from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE
 from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, LAGS, PUMPS, jumps_of
 from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
-from hil.core.diagnosis.glr.model import BIAS, GAIN, LEAK, SCALE
+from hil.core.diagnosis.glr.model import BIAS, GAIN, LAG, LEAK, SCALE, Array
 from hil.core.diagnosis.glr.refilter import RING
+from hil.core.diagnosis.glr.strength import REPORT_S
 
 MOVED_V, BEFORE_STEPS, BEFORE_S, BEFORE_PROVEN_S = 0.5, 10, 1.0, 5.0
 """A rig that is not as its file says shows that when a voltage moves, by this at least, since so many steps before, or
@@ -68,15 +69,17 @@ def is_own(config: DetectorConfig, m: Memory, winner: int) -> bool:
     return _is_small(config, m, winner, onset, sizes, float(r.x[winner, states[0]]))
 
 
-def may_be_own(m: Memory) -> bool:
+def may_be_own(config: DetectorConfig, m: Memory) -> bool:
     """Whether the verdict on what the bank has just found may be that it is the rig's own, see `own_instead`.
 
-    Not in a start phase, which an open alarm ends.
+    The likeliest fault of pumps, valves and tanks may be, if no sensor's leads it by the margin.
     """
-    leader = int(np.argmax(m.best.ratio))
-    jumps, onset = jumps_of(leader), int(m.bank.onset[m.best.slot[leader]])
-    is_new = not _is_sensor(leader) and not any(j in m.declared for j in jumps)
-    return is_new and m.is_wide and m.t_s >= 0.0 and is_learned_on(m) and moved_by(m, onset) >= MOVED_V
+    ratio = m.best.ratio
+    leader = max((n for n in range(BOTH + 1) if not _is_sensor(n)), key=lambda n: float(ratio[n]))
+    if not m.is_wide or ratio[leader] <= 0.0 or float(ratio[leader]) < m.max_ratio - config.tuning.margin:
+        return False
+    is_new = not any(j in m.declared for j in (*jumps_of(leader), *jumps_of(int(np.argmax(ratio)))))
+    return is_new and is_learned_on(m) and moved_by(m, int(m.bank.onset[m.best.slot[leader]])) >= MOVED_V
 
 
 def own_instead(config: DetectorConfig, m: Memory, leader: int) -> int | None:
@@ -87,14 +90,39 @@ def own_instead(config: DetectorConfig, m: Memory, leader: int) -> int | None:
     return None if _is_sensor(leader) else own_near(config, m, leader)
 
 
+def leads_as_own(config: DetectorConfig, m: Memory, evidence: Array) -> int | None:
+    """What may be the rig's own, if it leads all that may not by the margin; None otherwise.
+
+    All of it is learned alike, so that it need not be told apart. evidence : (H + 1,) log-likelihood ratios.
+    """
+    best = int(np.argmax(m.replays.evidence[: BOTH + 1]))
+    own = None if _is_sensor(best) else own_near(config, m, best)
+    if own is None:
+        return None
+    rivals = (float(evidence[n]) for n in range(BOTH + 1) if not is_own(config, m, n))
+    return own if float(m.replays.evidence[own]) - max(rivals) >= config.tuning.margin else None
+
+
 def own_near(config: DetectorConfig, m: Memory, leader: int) -> int | None:
     """The same beside any likeliest fault."""
     if not m.is_wide:
         return None
     r = m.replays
     least = float(r.evidence[leader]) - config.tuning.margin
-    near = [n for n in range(BOTH + 1) if not r.dropped[n] and float(r.evidence[n]) >= least and is_own(config, m, n)]
+    alive = (n for n in range(BOTH + 1) if not r.dropped[n] and float(r.evidence[n]) >= least)
+    near = [n for n in alive if is_own(config, m, n) or _is_lag_that_shows(m, n)]
     return max(near, key=lambda n: float(r.evidence[n]), default=None)
+
+
+def _is_lag_that_shows(m: Memory, number: int) -> bool:
+    """Whether a lag is longer than learned, in the time in which a rig shows what it is.
+
+    It is reported as what it is, but it is likelier than another fault that explains the readings no better.
+    """
+    if number not in LAGS or number in m.declared or not is_learned_on(m) or m.t_s - m.begun_s > REPORT_S:
+        return False
+    is_longer = m.replays.x[number, LAG + number - LAGS[0]] > m.replays.before[number, LAG + number - LAGS[0]]
+    return bool(is_longer) and moved_by(m, int(m.replays.onset[number])) >= MOVED_V
 
 
 def shows_nothing(m: Memory, winner: int) -> bool:
