@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -77,6 +78,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """Only where tests are shared out; the others keep the order of the files."""
     if hasattr(config, "workerinput"):
         items.sort(key=_rank)
+
+
+def pytest_collection_finish() -> None:
+    """What was imported and collected until now stays: no search for garbage goes through all of it again."""
+    gc.freeze()
 
 
 def _rank(item: pytest.Item) -> int:

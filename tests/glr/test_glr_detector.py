@@ -149,9 +149,8 @@ def test_a_drift_that_is_one_stays_one(seed: int) -> None:
 @pytest.mark.parametrize("sensor", range(4))
 def test_a_stuck_sensor_is_replaced_by_the_model_and_comes_back(sensor: int) -> None:
     """The reference moves while the sensor is stuck: what the loop believes has to move with the water."""
-    plant = Plant(38)
     faults = ((FAULT_S, lambda p: p.stick(sensor)), (FAULT_S + 20.0, lambda p: p.stuck_V.clear()))
-    log = play(38, FAULT_S + 30.0, faults, (*EARLY_STEP, (FAULT_S + 2.0, 0.3)), plant=plant)
+    log = play(38, FAULT_S + 30.0, faults, (*EARLY_STEP, (FAULT_S + 2.0, 0.3)))
     lost, back = log.settled()
     assert (lost.kind, lost.target, back.is_recovery) == ("sensor_stuck", sensor + 1, True)
     assert lost.isolated_s is not None

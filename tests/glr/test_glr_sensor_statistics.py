@@ -1,5 +1,7 @@
 """What single readings show: sensors of any noise against their converter's steps."""
 
+from math import isnan, nan
+
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -17,19 +19,21 @@ class Sensor:
 
     def __init__(self, noise_V: float, seed: int) -> None:
         self.noise_V, self.random = noise_V, np.random.default_rng(seed)
-        self.last, self.repeats = np.nan, 0
+        self.last, self.repeats = nan, 0
         self.stuck_V: float | None = None
 
     def period(self, level_V: float) -> Measurement:
-        noisy = level_V + self.noise_V * self.random.normal(size=READINGS)
-        readings = np.round(noisy / STEP_V) * STEP_V if self.stuck_V is None else np.full(READINGS, self.stuck_V)
-        steps = np.diff(np.concatenate(([self.last], readings))) ** 2
+        noisy = (level_V + self.noise_V * self.random.normal(size=READINGS)).tolist()
+        readings = [round(y / STEP_V) * STEP_V if self.stuck_V is None else self.stuck_V for y in noisy]
+        steps = [
+            0.0 if isnan(last) else (y - last) ** 2 for last, y in zip([self.last, *readings], readings, strict=False)
+        ]
         for reading in readings:
             self.repeats = self.repeats + 1 if reading == self.last else 0
             self.last = reading
-        steps = np.nan_to_num(steps)
-        jitter = float(steps.sum() - steps.max()) / (2 * READINGS - 2)
-        mean, variance = float(readings.mean()), float(readings.var(ddof=1))
+        jitter = (sum(steps) - max(steps)) / (2 * READINGS - 2)
+        mean = sum(readings) / READINGS
+        variance = sum((y - mean) ** 2 for y in readings) / (READINGS - 1)
         return Measurement((mean,) * 4, (True,) * 4, 0.0, READINGS, (variance,) * 4, (jitter,) * 4, (self.repeats,) * 4)
 
 
