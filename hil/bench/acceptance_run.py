@@ -15,10 +15,11 @@ from hil.bench.memory_run import simulate_in_memory
 from hil.bench.run_record import check_complete
 from hil.edge.can.bus import BusAddress
 from hil.edge.config.accept_table import AcceptTable
-from hil.edge.config.settings_file import SettingsError, default_config_dir
+from hil.edge.config.settings_file import SettingsError, default_config_dir, of_all
 from hil.edge.config.shipped import SCENARIOS, find_scenario
 from hil.edge.record.run_folder import IncompleteRecordError, RunFolder, RunFolderError
 from hil.review.acceptance import verdicts
+from hil.review.alarms import injected
 from hil.review.judged_scenario import JudgedScenario
 from hil.review.kpi import Kpi
 
@@ -48,7 +49,7 @@ class AcceptanceRun:
         bench = assembly.load(self.scenario, self.config_dir, rig=self.rig)
         if bench.scenario.accept:
             run_options.check_length(bench, None)
-            check_windows(bench)
+            check_limits(bench)
         return bench
 
 
@@ -69,14 +70,26 @@ def scenario_files(paths: Sequence[Path], config_dir: Path | None) -> dict[Path,
     return found
 
 
-def check_windows(bench: Bench) -> None:
-    """Raise SettingsError for a limit on a window that the scenario does not have."""
+def check_limits(bench: Bench) -> None:
+    """Raise SettingsError for a limit that says nothing on this bench: no such window, above the tanks, no fault."""
     windows = {window.name for window in bench.scenario.window}
+    height_cm = max(of_all(bench.rig.tanks.height_cm))
+    has_fault = any(fault.is_of_the_process for fault in injected(_faults(bench)))
     for accept in bench.scenario.accept:
         if accept.window is not None and accept.window not in windows:
             raise SettingsError(
                 f"{bench.scenario_path}: accept {accept.name!r}: window = {accept.window!r}: must be one of "
                 f"{', '.join(sorted(windows)) or 'the windows, and there is none'}"
+            )
+        if accept.level_max_cm is not None and accept.level_max_cm > height_cm:
+            raise SettingsError(
+                f"{bench.scenario_path}: accept {accept.name!r}: level_max_cm = {accept.level_max_cm:g}: must be at "
+                f"most {height_cm:g}, the height of the tanks in {bench.rig_path}, or it is always kept"
+            )
+        if accept.detected_within_s is not None and not has_fault:
+            raise SettingsError(
+                f"{bench.scenario_path}: accept {accept.name!r}: detected_within_s = {accept.detected_within_s:g}: "
+                "needs a [[fault]] of the process in the scenario"
             )
 
 
@@ -162,8 +175,12 @@ def _about_lockstep(bench: Bench, asked: AcceptanceRun) -> tuple[tuple[str, str]
 
 def _with_verdicts(bench: Bench, one: JudgedScenario, figures: Kpi, duration_s: float) -> JudgedScenario:
     accepts = bench.scenario.accept
-    faults: list[Mapping[str, Any]] = [fault.model_dump(mode="json") for fault in bench.scenario.fault]
-    found = verdicts(accepts, asdict(figures), faults)
+    found = verdicts(accepts, asdict(figures), _faults(bench))
     is_ended = figures.status == "complete" or (figures.status == "tripped" and is_end_judged(accepts))
     error = "" if is_ended else f"the run did not go to its end: {figures.status}, {figures.reason}"
     return replace(one, verdicts=found, duration_s=duration_s, error=error)
+
+
+def _faults(bench: Bench) -> list[Mapping[str, Any]]:
+    """As the settings of a record have them."""
+    return [fault.model_dump(mode="json") for fault in bench.scenario.fault]

@@ -137,9 +137,11 @@ def _command() -> int:
     except Exception as error:
         from hil.bench.user_errors import USER_ERRORS  # only now: it brings in all that can raise them
 
-        if not isinstance(error, USER_ERRORS):
-            raise
-        return complain(str(error), _exit_code(error))
+        if isinstance(error, USER_ERRORS):
+            return complain(str(error), _exit_code(error))
+        if isinstance(error, OSError) and error.filename is not None:  # a file that the system does not let us have
+            return complain(f"{os.fsdecode(error.filename)}: {error.strerror or error}", exit_codes.NOT_DONE)
+        raise
     return code if isinstance(code, int) else 0
 
 

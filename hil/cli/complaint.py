@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 import typer
 
 from hil.cli import exit_codes
+from hil.edge.host.clock import EndingSignal
 
 
 def complain(what: str, code: int) -> int:
@@ -32,8 +33,14 @@ def interrupted(signal_name: str) -> int:
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Ctrl-C inside ends the command with one line, too; typer alone would end it without a word."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        raise typer.Exit(complain("interrupted", exit_codes.BY_SIGNAL["SIGINT"])) from None
+    """Ctrl-C, SIGTERM or SIGHUP inside ends the command with one line, too, after all that has to be closed is closed.
+
+    typer alone would end it without a word, and the system without anything being closed.
+    """
+    with EndingSignal() as ending:
+        try:
+            yield
+        except KeyboardInterrupt:
+            name = ending.received or "SIGINT"
+            what = "interrupted" if name == "SIGINT" else f"stopped by {name}"
+            raise typer.Exit(complain(what, exit_codes.BY_SIGNAL[name])) from None

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from hil.cli import exit_codes
+from hil.cli.run_progress import progress
 from hil.edge.record.run_folder import write_atomically
 from hil.replay.alarm_difference import in_words
 from hil.replay.reference_file import reference_path
@@ -19,7 +20,8 @@ from hil.replay.replay_run import ReplayOptions, ReplayResult, replay
 
 def run(console: Console, record: Path, options: ReplayOptions, *, as_json: bool, figure: Path | None) -> int:
     """Replay and show; returns the exit code. Raises what `replay` raises, and IncompleteRecordError for the figure."""
-    result = replay(record, options)
+    with progress(console, "steps replayed") as advance:
+        result = replay(record, options, advance)
     if as_json:
         console.out(json.dumps(_as_json(result), indent=2), highlight=False)
     else:

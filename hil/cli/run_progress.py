@@ -1,4 +1,4 @@
-"""A progress bar that counts runs."""
+"""A progress bar that counts runs, or steps."""
 
 from __future__ import annotations
 
@@ -12,6 +12,20 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 @contextmanager
 def run_progress(console: Console, name: str, total: int) -> Iterator[Callable[[], None]]:
     """Shows the bar on a terminal, and gives what is to be called after each run."""
+    with _bar(console) as bar:
+        task = bar.add_task(name, total=total)
+        yield lambda: bar.advance(task)
+
+
+@contextmanager
+def progress(console: Console, name: str) -> Iterator[Callable[[int, int], None]]:
+    """Shows the bar on a terminal, and gives what is to be called with how many are done, and of how many."""
+    with _bar(console) as bar:
+        task = bar.add_task(name, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def _bar(console: Console) -> Progress:
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -19,6 +33,4 @@ def run_progress(console: Console, name: str, total: int) -> Iterator[Callable[[
         TimeElapsedColumn(),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(name, total=total)
-        yield lambda: bar.advance(task)
+    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)

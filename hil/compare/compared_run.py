@@ -111,10 +111,10 @@ def _read(folder: RunFolder, name: str, align: str, columns: Sequence[str] | Non
         manifest = folder.manifest()
         ticks, events = read(folder, columns)
         figures = evaluate(manifest, ticks, events)
+    except RunFolderError as error:
+        raise CompareError(f"{folder.path} can't be compared: {error}") from None
     except (OSError, UnicodeDecodeError, KeyError, ValueError) as error:
         what = f"it has no {error}" if isinstance(error, KeyError) else str(error)
         raise CompareError(f"{folder.path} can't be compared: {what}") from None
-    except RunFolderError as error:
-        raise CompareError(f"{folder.path} can't be compared: {error}") from None
     zero_s = 0.0 if align == START or not len(ticks) else moment_of(folder.path, ticks, events, align, "--align")
     return ComparedRun(name, folder, manifest, ticks, events, figures, zero_s)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hil.data.recorded_run import RecordedRun
+from hil.edge.record.json_text import whole_text
 from hil.edge.record.run_folder import RunFolder
 from hil.run_index.index_file import index_of
 from hil.run_index.indexed_run import IndexedRun
@@ -96,6 +97,7 @@ def _row(one: IndexedRun, root: Path) -> dict[str, Any]:
     iae = {f"iae_Vs.{window}[{output}]": pairs[window][output] for window in pairs for output in (0, 1)}
     return {
         **row,
+        "name": whole_text(one.name),
         "started": datetime.fromisoformat(one.started_utc) if one.started_utc else None,
         "path": root / one.name,
         **iae,

@@ -109,8 +109,7 @@ class RecordedRun:
         """The columns of `ticks`: unit and meaning of each, by name."""
         import pandas as pd
 
-        with self._folder.ticks_path.open(encoding="utf-8") as file:
-            names = file.readline().rstrip("\n").split(",")
+        names = self._header.rstrip("\n").split(",")
         known = self._signals
         rows = [(known[name].unit, known[name].meaning) if name in known else ("", "") for name in names]
         return pd.DataFrame(rows, columns=["unit", "meaning"], index=pd.Index(names, name="column"))
@@ -227,14 +226,21 @@ class RecordedRun:
         text = self.manifest.plan.copies.get(DBC)
         if text is None:
             raise RunFolderError(f"{self.path}: run.json has no copy of {DBC}, so its frames have no names")
-        return cantools.database.load_string(text, "dbc")
+        try:
+            return cantools.database.load_string(text, "dbc")
+        except Exception as error:  # noqa: BLE001 - cantools raises its parser's own errors, of many kinds
+            reason = str(error).splitlines()[0]
+            raise RunFolderError(f"{self._folder.manifest_path}: the copy of {DBC} is not a DBC: {reason}") from None
 
     def __len__(self) -> int:
         """How many control steps were recorded."""
         if "ticks" in self.__dict__:
             return len(self.ticks)
-        with self._folder.ticks_path.open("rb") as file:
-            lines = sum(block.count(b"\n") for block in iter(lambda: file.read(BLOCK_BYTES), b""))
+        try:
+            with self._folder.ticks_path.open("rb") as file:
+                lines = sum(block.count(b"\n") for block in iter(lambda: file.read(BLOCK_BYTES), b""))
+        except OSError as error:
+            raise RunFolderError(f"cannot read {self._folder.ticks_path}: {error.strerror}") from error
         return max(lines - 1, 0)
 
     def __bool__(self) -> bool:
@@ -256,7 +262,10 @@ class RecordedRun:
         """What a reader sees first: names and values. Key figures only where kpi.json has them."""
         yield "scenario", self.scenario
         yield "status", f"{self.status} ({self.reason})" if self.reason else self.status
-        yield "", counted(len(self), "control step")
+        try:
+            yield "", counted(len(self), "control step")
+        except RunFolderError as error:
+            yield "", str(error)
         if not self._folder.kpi_path.is_file():
             return
         for key in ("alarms", "trips"):
@@ -264,6 +273,15 @@ class RecordedRun:
         for name, (first_Vs, second_Vs) in self.figures.get("iae_Vs", {}).items():
             if self.figures.get("iae_covered_s", {}).get(name, 0.0) > 0.0:
                 yield f"IAE {name}", f"{first_Vs:.3f}, {second_Vs:.3f} V s"
+
+    @property
+    def _header(self) -> str:
+        """The first line of the table of control steps."""
+        try:
+            with self._folder.ticks_path.open(encoding="utf-8") as file:
+                return file.readline()
+        except (OSError, UnicodeDecodeError) as error:
+            raise RunFolderError(f"cannot read {self._folder.ticks_path}: {error}") from error
 
     @cached_property
     def _signals(self) -> Any:

@@ -6,9 +6,7 @@ a number there, and a row of numbers is written without a look at each.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -16,12 +14,11 @@ import numpy.typing as npt
 from hil.core.types import Severity
 from hil.edge.record.run_folder import RunFolderError
 from hil.export import protobuf
-from hil.export.export_tables import DBC, ExportColumn, ExportTable, RunTables, identifier
+from hil.export.export_tables import DBC, ExportColumn, ExportTable, FramePiece, RunTables, identifier
 from hil.export.frame_data import data_lengths
+from hil.export.in_order import InOrder, Tables
+from hil.export.mcap_chunks import ChunkedMcap, MessageRows
 from hil.export.protobuf import Kind, MessageField
-
-if TYPE_CHECKING:
-    from mcap.writer import Writer
 
 EXTRA = "mcap"
 PACKAGE = "fourtank"
@@ -31,22 +28,37 @@ KINDS: dict[str, Kind] = {"O": "string", "b": "bool"}
 COUNTED = ("arbitration_id", "length")
 """Columns of frames that are whole numbers."""
 
+TIMES, DOUBLE = 2, 8
+"""A frame's first columns are its times; bytes of a number."""
+
 LOG_LEVELS = {"UNKNOWN": 0, "DEBUG": 1, "INFO": 2, "WARNING": 3, "ERROR": 4, "FATAL": 5}
 """Of `foxglove.Log`, whose messages viewers show as lines of a log."""
 SEVERITIES = {Severity.INFO: "INFO", Severity.WARNING: "WARNING", Severity.ERROR: "ERROR"}
 TIMESTAMP = "google/protobuf/timestamp.proto"
 
 
-@dataclass(frozen=True, eq=False)
-class Topic:
-    """Messages of one kind. time_ns : (n,) since the epoch. schema : name, and a FileDescriptorSet."""
+class McapTopic:
+    """One topic; its channel is made when the first messages are there, and they are numbered from 0."""
 
-    name: str
-    schema: str
-    description: bytes
-    time_ns: npt.NDArray[np.int64]
-    messages: list[bytes]
-    metadata: dict[str, str]
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._channel = self._count = 0
+
+    def rows(
+        self, file: ChunkedMcap, about: Description, time_ns: TimesNs, content: list[Content]
+    ) -> list[MessageRows]:
+        """Messages as records of the file. content : row numbers, and the messages of each size that occurs."""
+        if not self._channel and len(time_ns):
+            self._channel = file.add_channel(self._name, *about)
+        first, self._count = self._count, self._count + len(time_ns)
+        return [MessageRows.of(self._channel, time_ns[rows], first + rows, messages) for rows, messages in content]
+
+
+Description = tuple[str, bytes, dict[str, str]]
+"""Of a channel: name of the schema, its FileDescriptorSet, metadata."""
+TimesNs = npt.NDArray[np.int64]
+Content = tuple[npt.NDArray[np.int64], npt.NDArray[np.uint8]]
+"""Numbers of rows, and their messages, (n, size)."""
 
 
 def write_mcap(run: RunTables, out: Path) -> None:
@@ -55,62 +67,101 @@ def write_mcap(run: RunTables, out: Path) -> None:
     The metadata of a topic has the unit of each field. `run` is a metadata record with what was run; run.json and the
     DBC are attached.
     """
-    from mcap.writer import CompressionType, Writer
-
-    topics = [_of_numbers(run.control_steps(), "/ticks"), _of_rows(run.events(), "/events"), _log(run), _frames(run)]
-    topics += [_of_numbers(table, f"/signals/{table.name}") for table in run.messages()]
     with out.open("wb") as stream:
-        writer = Writer(stream, compression=CompressionType.ZSTD)
-        writer.start(library=run.description["program"])
-        writer.add_metadata("run", run.description)
-        start_ns = min((int(topic.time_ns.min()) for topic in topics if len(topic.time_ns)), default=0)
+        file = ChunkedMcap(stream)
+        file.start(run.description["program"])
+        file.add_metadata("run", run.description)
+        start_ns = int(_nanoseconds(np.nan_to_num(np.array([run.zero_s])))[0])
         attached = {"run.json": ("application/json", run.folder.manifest_path.read_bytes())}
         if run.dbc:
             attached[DBC] = ("text/plain", run.dbc.encode())
         for name, (media_type, data) in attached.items():
-            writer.add_attachment(start_ns, start_ns, name, media_type, data)
-        _write(writer, topics)
-        writer.finish()  # type: ignore[no-untyped-call]  # it has no types
+            file.add_attachment(start_ns, name, media_type, data)
+        in_order = InOrder([_steps(run, file), iter([_events(run, file)]), _frames(run, file)])
+        for tables in in_order:
+            file.add_messages(tables)
+        file.finish()
 
 
-def _write(writer: Writer, topics: list[Topic]) -> None:
-    """All messages by their time; those of one time in the order of the topics."""
-    channels = []
-    for topic in topics:
-        schema = writer.register_schema(topic.schema, "protobuf", topic.description)
-        channels.append(writer.register_channel(topic.name, "protobuf", schema, topic.metadata))
-    sizes = [len(topic.messages) for topic in topics]
-    which = np.repeat(np.arange(len(topics)), sizes)
-    index = np.concatenate([np.arange(size) for size in sizes])
-    time_ns = np.concatenate([topic.time_ns for topic in topics])
-    order = np.argsort(time_ns, kind="stable")
-    for at_ns, topic, place in zip(time_ns[order].tolist(), which[order].tolist(), index[order].tolist(), strict=True):
-        writer.add_message(channels[topic], at_ns, topics[topic].messages[place], at_ns, place)
+def _steps(run: RunTables, file: ChunkedMcap) -> Tables:
+    topic = McapTopic("/ticks")
+    for table in run.step_pieces():
+        yield _of_numbers(table, topic, file)
 
 
-def _of_numbers(table: ExportTable, name: str) -> Topic:
+def _of_numbers(table: ExportTable, topic: McapTopic, file: ChunkedMcap) -> list[MessageRows]:
     """A table with numbers only."""
     fields = [MessageField(identifier(column.name), "double") for column in table.columns]
     rows = protobuf.rows_of_doubles([column.values for column in table.columns])
-    return _topic(table, name, fields, rows)
+    about = _described(table, fields)
+    return topic.rows(file, about, _nanoseconds(table.time_s), [(np.arange(len(table)), rows)])
 
 
-def _of_rows(table: ExportTable, name: str) -> Topic:
-    """A table with text in it."""
+def _events(run: RunTables, file: ChunkedMcap) -> list[MessageRows]:
+    """Both topics of events."""
+    table = run.events()
     kinds = [_kind(column) for column in table.columns]
     fields = [MessageField(identifier(column.name), kind) for column, kind in zip(table.columns, kinds, strict=True)]
     values = zip(*(column.values for column in table.columns), strict=True)
-    return _topic(table, name, fields, [protobuf.row(kinds, row) for row in values])
+    messages = [protobuf.row(kinds, row) for row in values]
+    time_ns = _nanoseconds(table.time_s)
+    rows = McapTopic("/events").rows(file, _described(table, fields), time_ns, _by_size(messages))
+    return rows + McapTopic("/log").rows(file, _log_described(), time_ns, _by_size(_log_lines(run, time_ns)))
 
 
-def _frames(run: RunTables) -> Topic:
-    table = run.frame_columns()
-    data = [row[:size].tobytes() for row, size in zip(run.frames.data, data_lengths(run.frames), strict=True)]
-    kinds = [*(_kind(column) for column in table.columns), "bytes"]
-    names = [*(column.name for column in table.columns), "data"]
-    fields = [MessageField(name, kind) for name, kind in zip(names, kinds, strict=True)]
-    values = zip(*(column.values.tolist() for column in table.columns), data, strict=True)
-    return _topic(table, "/frames", fields, [protobuf.row(kinds, row) for row in values])
+def _by_size(messages: list[bytes]) -> list[Content]:
+    sizes = np.array([len(message) for message in messages], dtype=np.int64)
+    content = []
+    for size in np.unique(sizes).tolist():
+        rows = np.flatnonzero(sizes == size)
+        joined = np.frombuffer(b"".join(messages[row] for row in rows.tolist()), np.uint8)
+        content.append((rows, joined.reshape(len(rows), size)))
+    return content
+
+
+def _frames(run: RunTables, file: ChunkedMcap) -> Tables:
+    """Frames, and the signals in them."""
+    topic, of_message = McapTopic("/frames"), dict[str, McapTopic]()
+    for piece in run.frame_pieces():
+        table = run.frame_columns(piece)
+        kinds = [*(_kind(column) for column in table.columns), "bytes"]
+        names = [*(column.name for column in table.columns), "data"]
+        about = _described(table, [MessageField(*both) for both in zip(names, kinds, strict=True)])
+        tables = topic.rows(file, about, _nanoseconds(table.time_s), _frame_messages(piece, table, kinds))
+        for signals in run.messages(piece.log):
+            one = of_message.setdefault(signals.name, McapTopic(f"/signals/{signals.name}"))
+            tables += _of_numbers(signals, one, file)
+        yield tables
+
+
+def _frame_messages(piece: FramePiece, table: ExportTable, kinds: list[Kind]) -> list[Content]:
+    """Frames that differ in their times and data alone have one layout: the first is written, the others are copies.
+
+    The two times are the first fields of a message, the data is the last.
+    """
+    log, lengths = piece.log, data_lengths(piece.log)
+    if not len(log):
+        return []
+    key = log.arbitration_id.astype(np.uint64)
+    flags = (log.is_extended, log.is_remote, log.is_error, piece.is_sent)
+    for value, bits in (*((flag, 1) for flag in flags), (log.length, 8), (log.channel, 8)):
+        key = key << np.uint64(bits) | value.astype(np.uint64)
+    _, first, kind_of, counts = np.unique(key, return_index=True, return_inverse=True, return_counts=True)
+    rows_of = np.split(np.argsort(kind_of, kind="stable"), np.cumsum(counts)[:-1])
+    content = []
+    for at, rows in zip(first.tolist(), rows_of, strict=True):
+        size = int(lengths[at])
+        values = [column.values[at].item() if column.values.dtype.kind != "O" else column.values[at]
+                  for column in table.columns]  # fmt: skip
+        message = protobuf.row(kinds, [*values, log.data[at, :size].tobytes()])
+        messages = np.tile(np.frombuffer(message, np.uint8), (len(rows), 1))
+        for place, column in enumerate(table.columns[:TIMES]):
+            begin = place * (DOUBLE + 1) + 1
+            messages[:, begin : begin + DOUBLE] = column.values[rows].astype("<f8").view(np.uint8).reshape(-1, DOUBLE)
+        if size:
+            messages[:, -size:] = log.data[rows, :size]
+        content.append((rows, messages))
+    return content
 
 
 def _kind(column: ExportColumn) -> Kind:
@@ -119,7 +170,7 @@ def _kind(column: ExportColumn) -> Kind:
     return KINDS.get(column.values.dtype.kind, "double")
 
 
-def _topic(table: ExportTable, name: str, fields: list[MessageField], messages: list[bytes]) -> Topic:
+def _described(table: ExportTable, fields: list[MessageField]) -> Description:
     schema = table.name[:1].upper() + table.name[1:]
     file = protobuf.file_descriptor(f"{table.name}.proto", PACKAGE, [protobuf.message_type(schema, fields)])
     metadata = {f"unit.{identifier(column.name)}": column.unit for column in table.columns if column.unit}
@@ -127,13 +178,11 @@ def _topic(table: ExportTable, name: str, fields: list[MessageField], messages: 
         if column.choices:
             names = ", ".join(f"{number}: {text}" for number, text in sorted(column.choices.items()))
             metadata[f"choices.{identifier(column.name)}"] = names
-    return Topic(
-        name, f"{PACKAGE}.{schema}", protobuf.descriptor_set(file), _nanoseconds(table.time_s), messages, metadata
-    )
+    return f"{PACKAGE}.{schema}", protobuf.descriptor_set(file), metadata
 
 
-def _log(run: RunTables) -> Topic:
-    """Events as `foxglove.Log`."""
+def _log_described() -> Description:
+    """Of `foxglove.Log`."""
     fields = [
         MessageField("timestamp", "message", ".google.protobuf.Timestamp"),
         MessageField("level", "enum", ".foxglove.Log.Level"),
@@ -146,13 +195,17 @@ def _log(run: RunTables) -> Topic:
         protobuf.file_descriptor(TIMESTAMP, "google.protobuf", [moment]),
         protobuf.file_descriptor("foxglove/Log.proto", "foxglove", [log], [TIMESTAMP]),
     )
-    time_ns = _nanoseconds(run.events().time_s)
+    return "foxglove.Log", files, {}
+
+
+def _log_lines(run: RunTables, time_ns: TimesNs) -> list[bytes]:
+    """Events as messages of `foxglove.Log`."""
     messages = []
     for at_ns, event in zip(time_ns.tolist(), run.logged, strict=True):
         stamp = protobuf.row(("int64", "int32"), divmod(at_ns, 10**9))
         level = LOG_LEVELS[SEVERITIES.get(Severity(event.severity), "UNKNOWN")]
         messages.append(protobuf.row(("message", "enum", "string", "string"), (stamp, level, event.text, event.code)))
-    return Topic("/log", "foxglove.Log", files, time_ns, messages, {})
+    return messages
 
 
 def _nanoseconds(time_s: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:

@@ -77,17 +77,16 @@ def descriptor_set(*files: bytes) -> bytes:
     return b"".join(item(1, file) for file in files)
 
 
-def rows_of_doubles(columns: Sequence[npt.NDArray[Any]]) -> list[bytes]:
-    """A message for each row, whose fields are doubles: all of one size, so one table of numpy has them all."""
-    if not columns or not len(columns[0]):
-        return []
+def rows_of_doubles(columns: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.uint8]:
+    """(n, size) a message for each row, whose fields are doubles: all have one size, so one table has them."""
+    if not columns:
+        return np.zeros((0, 0), np.uint8)
     tags = [varint(number << 3 | FIXED64) for number in range(1, len(columns) + 1)]
     layout = np.dtype([part for k, tag in enumerate(tags) for part in ((f"t{k}", f"S{len(tag)}"), (f"v{k}", "<f8"))])
     table = np.zeros(len(columns[0]), layout)
     for k, (tag, column) in enumerate(zip(tags, columns, strict=True)):
         table[f"t{k}"], table[f"v{k}"] = tag, column
-    content = table.tobytes()
-    return [content[start : start + layout.itemsize] for start in range(0, len(content), layout.itemsize)]
+    return table.view(np.uint8).reshape(len(table), layout.itemsize)
 
 
 def row(kinds: Sequence[Kind], values: Sequence[Any]) -> bytes:

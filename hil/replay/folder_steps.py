@@ -29,6 +29,8 @@ Ints = npt.NDArray[np.int64]
 
 NEEDED = ("mode", "lateness_s", "skipped", "accepted", "rejected")
 """Columns of ticks.csv besides t_s."""
+EXACT_TIME = "t_ns"
+"""Live runs have it."""
 
 SIGNALS_THAT_STOP = ("SIGINT", "SIGTERM", "SIGHUP")
 
@@ -36,7 +38,7 @@ SIGNALS_THAT_STOP = ("SIGINT", "SIGTERM", "SIGHUP")
 def read_folder_steps(folder: RunFolder, command_id: int) -> RecordedSteps:
     """The steps of a recorded run. command_id : identifier of PumpCommand. Raises RunFolderError, ReplayError."""
     manifest = folder.manifest()
-    ticks, events = read(folder)
+    ticks, events = read(folder, (*NEEDED, EXACT_TIME))
     zero_s = manifest.clock.run_zero_epoch_s
     if not len(ticks):
         raise ReplayError(f"{folder.path}: the record has no control step in {folder.ticks_path.name} to replay")
@@ -46,12 +48,15 @@ def read_folder_steps(folder: RunFolder, command_id: int) -> RecordedSteps:
             f"{folder.ticks_path.name} lacks {', '.join(lacking)}" if lacking else "run.json has no time of its start"
         )
         raise ReplayError(f"{folder.path}: an older record that can't be replayed: {what}")
+    back = np.flatnonzero(np.diff(ticks["t_s"]) <= 0.0)
+    if len(back):
+        raise ReplayError(f"{folder.ticks_path}, line {back[0] + 3} is not later than the one before it")
     log = read_candump(folder.can_log_path)
     doubts: list[str] = list(log.doubts)
     ours = _own_rows(folder, log, command_id, doubts)
     _check_order(folder, log, ours)
     tick_ns = _tick_times(manifest, ticks, zero_s, doubts)
-    received = np.setdiff1d(np.arange(len(log)), ours, assume_unique=True)
+    received = log.rows_without(ours)
     delay_ns = _delay_ns(log.time_ns[ours], tick_ns, doubts) if manifest.plan.mode == "live" else 0
     merged = merge(log, ours, ticks, tick_ns, delay_ns)
     doubts += merged.doubts
@@ -73,6 +78,8 @@ def _own_rows(folder: RunFolder, log: FrameLog, command_id: int, doubts: list[st
         doubts.append("there is no sent.log: every pump command in can.log counts as the controller's own")
         return candidates
     sent = read_candump(folder.sent_log_path)
+    if sent.has_same_frames(log.taken(candidates)):
+        return candidates
     left = Counter((int(sent.time_ns[row]), sent.payload(row)) for row in range(len(sent)))
     rows = []
     for row in candidates.tolist():
@@ -104,7 +111,7 @@ def _tick_times(manifest: Manifest, ticks: Ticks, zero_s: float, doubts: list[st
     if manifest.plan.mode == "lockstep":  # steps are whole control periods from 0 on
         period_ns = round(manifest.plan.period_s * 1e9)
         return np.rint((zero_ns + ticks["t_s"] * 1e9) / period_ns).astype(np.int64) * period_ns
-    exact = ticks.get("t_ns")
+    exact = ticks.get(EXACT_TIME)
     if np.isfinite(exact).all():
         return zero_ns + exact.astype(np.int64)
     longest_s = float(np.abs(ticks["t_s"]).max())

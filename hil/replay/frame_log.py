@@ -65,6 +65,17 @@ class FrameLog:
         """Rows of the plain frames with this identifier."""
         return np.flatnonzero((self.arbitration_id == frame_id) & (self.kind == 0))
 
+    def rows_without(self, rows: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+        """All rows but these."""
+        is_other = np.ones(len(self), np.bool_)
+        is_other[rows] = False
+        return np.flatnonzero(is_other)
+
+    def has_same_frames(self, other: FrameLog) -> bool:
+        """Whether both have the same frames, with the same times, in the same order."""
+        names = ("time_ns", "arbitration_id", "kind", "length", "data")
+        return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in names)
+
     def taken(self, rows: npt.NDArray[np.int64], *doubts: str) -> FrameLog:
         """These rows, with further doubts."""
         return FrameLog(

@@ -56,7 +56,7 @@ def read_log_steps(path: Path, contract: Contract, period_s: float) -> RecordedS
     ]
     doubts = [*log.doubts, TIME_BASE, NOT_IN_A_LOG]
     missing = _missing(log, ours, contract, number_of, doubts)
-    received = np.setdiff1d(np.arange(len(log)), ours, assume_unique=True)
+    received = log.rows_without(ours)
     return RecordedSteps(log, received, tuple(steps), {}, None, tuple(doubts), missing)
 
 

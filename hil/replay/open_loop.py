@@ -22,6 +22,8 @@ from hil.replay.recorded_steps import NOTHING, RecordedStep, RecordedSteps
 from hil.wire.command_sender import CommandSender
 from hil.wire.contract import Contract
 
+OnProgress = Callable[[int, int], None]
+
 
 def count_of_command(contract: Contract) -> float:
     """One count of a command on the wire, V. The default tolerance: another processor may round to the other side."""
@@ -138,9 +140,9 @@ def play(
     config: ControllerConfig,
     *,
     clear_trip: bool = False,
-    on_progress: Callable[[int], None] | None = None,
+    on_progress: OnProgress | None = None,
 ) -> Replayed:
-    """Drive the controller with the record. on_progress : called every 100 steps with the number of steps done."""
+    """Drive the controller with the record. on_progress : called every 100 steps with those done, and of how many."""
     port, recorder, operator = ReplayPort(), ReplayRecorder(), RecordedOperator()
     sender = RecordedCommandSender(bench.contract)
     loop = make_loop(bench, config, port, recorder, clear_trip=clear_trip, operator=operator, sender=sender)
@@ -162,7 +164,7 @@ def play(
         step_s.append(times_s[-1] if len(times_s) > had else nan)
         had = len(times_s)
         if on_progress is not None and number % 100 == 99:
-            on_progress(number + 1)
+            on_progress(number + 1, len(recorded.steps))
     return Replayed(tuple(payloads), "".join(recorder.events), recorder.columns, step_s, loop.outcome)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from math import inf, isnan, nan
@@ -17,7 +16,7 @@ from hil.replay.command_difference import CommandComparison, compare_commands
 from hil.replay.folder_steps import read_folder_steps
 from hil.replay.frame_log import ReplayError
 from hil.replay.log_steps import read_log_steps, with_late_start
-from hil.replay.open_loop import Replayed, count_of_command, play
+from hil.replay.open_loop import OnProgress, Replayed, count_of_command, play
 from hil.replay.recorded_bench import RecordedController, WhatIf, named_controller, recorded_controller
 from hil.replay.recorded_steps import NOTHING, RecordedSteps
 from hil.replay.reference_file import ReplayReference, read_reference, reference_path, write_reference
@@ -117,7 +116,7 @@ class ReplayResult:
         return tuple(lines)
 
 
-def replay(path: Path, options: ReplayOptions, on_progress: Callable[[int], None] | None = None) -> ReplayResult:
+def replay(path: Path, options: ReplayOptions, on_progress: OnProgress | None = None) -> ReplayResult:
     """Replay a run folder or a log. on_progress : see `play`. Raises ReplayError, RunFolderError, SettingsError."""
     is_log = not path.is_dir()
     what_if = replace(options.what_if, rig=None) if options.scenario is not None else options.what_if
@@ -167,7 +166,7 @@ def _compared(
     recorded: RecordedSteps,
     expected: tuple[bytes, ...],
     tolerance_V: float,
-    on_progress: Callable[[int], None] | None,
+    on_progress: OnProgress | None,
 ) -> tuple[Replayed, CommandComparison]:
     """What today's controller does, and how it differs."""
     done = play(

@@ -95,7 +95,7 @@ class _Merge:
                 command=NOTHING if at == NOTHING else int(self._ours[at]),
                 t_s=t_s,
                 mode=int(ticks["mode"][tick]),
-                lateness_s=float(ticks["lateness_s"][tick]),
+                lateness_s=float(ticks["lateness_s"][tick]) or 0.0,  # one number for all steps of a simulated run
                 skipped=int(ticks["skipped"][tick]),
             )
         )

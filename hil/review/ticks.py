@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import io
-import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,16 +12,25 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from hil.core.types import Severity
+from hil.edge.record.json_text import read_json
 from hil.edge.record.run_folder import RunFolder, RunFolderError
 
 Floats = npt.NDArray[np.float64]
 
 TIME = "t_s"
+SEVERITIES = tuple(severity.value for severity in Severity)
 LARGE_BYTES = 1 << 24
 """A larger table, of about an hour at 10 Hz, is read in pieces by Arrow, whose import would cost a short run more."""
 
 PIECE_BYTES, BLOCK_BYTES = 1 << 23, 1 << 20
 """Of a table so much is read at once, and handed to Arrow's threads in blocks."""
+
+
+class MissingColumnError(RunFolderError, KeyError):
+    """A table of control steps lacks a column that every record has."""
+
+    __str__ = Exception.__str__
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +47,11 @@ class Ticks:
         return len(self.columns["t_s"])
 
     def __getitem__(self, column: str) -> Floats:
-        return self.columns[column]
+        """A column, (n,). Raises MissingColumnError."""
+        try:
+            return self.columns[column]
+        except KeyError:
+            raise MissingColumnError(f"the table of control steps, ticks.csv, has no column {column}") from None
 
     def get(self, column: str) -> Floats:
         """A column, (n,); all NaN where the record does not have it."""
@@ -47,7 +59,7 @@ class Ticks:
 
     def stack(self, *columns: str) -> Floats:
         """Several columns side by side, (n, len(columns))."""
-        return np.column_stack([self.columns[column] for column in columns])
+        return np.column_stack([self[column] for column in columns])
 
     @cached_property
     def has_truth(self) -> bool:
@@ -80,30 +92,55 @@ def read_ticks(path: Path, columns: Collection[str] | None = None) -> Ticks:
     except OSError as error:
         raise RunFolderError(f"cannot read {path}: {error.strerror}") from error
     whole = raw[: raw.rfind(b"\n") + 1]  # what follows the last line end was cut off by a kill
-    ticks = parse_ticks(whole.decode("utf-8"), str(path))
+    ticks = parse_ticks(_text(whole, path), str(path))
     if columns is None:
         return ticks
     return Ticks({name: values for name, values in ticks.columns.items() if name in {TIME, *columns}})
 
 
+def tick_pieces(path: Path, columns: Collection[str] | None = None) -> Iterator[Ticks]:
+    """The same rows as `read_ticks` gives, a stretch of them at a time, so that a long table needs little memory."""
+    try:
+        is_large = path.stat().st_size > LARGE_BYTES
+        if is_large:
+            for piece, _ in _pieces(path, columns):
+                yield Ticks(piece)
+    except OSError as error:
+        raise RunFolderError(f"cannot read {path}: {error.strerror}") from error
+    if not is_large:
+        yield read_ticks(path, columns)
+
+
 def _read_in_pieces(path: Path, columns: Collection[str] | None) -> Ticks:
     """The same as `parse_ticks` of all of the file. Raises OSError, RunFolderError."""
+    pieces = _pieces(path, columns)
+    table = _Growing(list(next(pieces)[0]))
+    for piece, pieces_left in pieces:
+        table.add(piece, pieces_left)
+    return table.ticks()
+
+
+def _pieces(path: Path, columns: Collection[str] | None) -> Iterator[tuple[dict[str, Floats], float]]:
+    """Columns of a stretch of rows, and about how many such pieces follow; at first, columns without a row.
+
+    Raises OSError, RunFolderError.
+    """
     with path.open("rb") as file:
         header = file.readline()
-        names = _names(header.decode("utf-8").rstrip("\n"), str(path))
-        table = _Growing([name for name in names if columns is None or name in {TIME, *columns}])
+        names = _names(_text(header, path).rstrip("\n"), str(path))
+        kept = [name for name in names if columns is None or name in {TIME, *columns}]
         buffer, begin, size = bytearray(PIECE_BYTES), len(header), path.stat().st_size
+        yield {name: np.empty(0) for name in kept}, 0.0
         while count := file.readinto(buffer):
             whole = buffer.rfind(b"\n", 0, count) + 1
             if whole == 0:
                 if count == len(buffer):
                     raise RunFolderError(f"{path} is damaged: a line has more than {PIECE_BYTES} bytes")
                 break  # what follows the last line end was cut off by a kill
-            piece = _parse_piece(memoryview(buffer)[:whole], names, table.names, path)
+            piece = _parse_piece(memoryview(buffer)[:whole], names, kept, path)
             begin += whole
-            table.add(piece, (size - begin) / whole)
+            yield piece, (size - begin) / whole
             file.seek(begin)
-    return table.ticks()
 
 
 class _Growing:
@@ -174,10 +211,22 @@ def parse_ticks(text: str, where: str) -> Ticks:
     return Ticks(dict(zip(names, values.T, strict=True)))
 
 
+def _text(raw: bytes, path: Path) -> str:
+    try:
+        return raw.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise RunFolderError(f"{path} is damaged: byte {error.start} is no text ({error.reason})") from error
+
+
 def _names(header: str, where: str) -> list[str]:
     names = header.split(",")
+    if not header:
+        raise RunFolderError(f"{where} is empty: no control step was recorded")
     if TIME not in names:
         raise RunFolderError(f"{where} is not a tick table: it has no column {TIME}")
+    repeated = next((name for name in names if names.count(name) > 1), None)
+    if repeated is not None:
+        raise RunFolderError(f"{where} is damaged: it has the column {repeated!r} twice")
     return names
 
 
@@ -199,10 +248,27 @@ def parse_events(text: str, where: str) -> tuple[LoggedEvent, ...]:
     events: list[LoggedEvent] = []
     for number, line in enumerate(text.split("\n")[:-1], start=1):
         try:
-            events.append(LoggedEvent(**json.loads(line)))
-        except (ValueError, TypeError) as error:
+            event = LoggedEvent(**read_json(line))
+        except (ValueError, TypeError, RecursionError) as error:
             raise RunFolderError(f"{where}, line {number} is not an event: {error}") from error
+        wrong = _wrong_field(event)
+        if wrong:
+            raise RunFolderError(f"{where}, line {number} is not an event: {wrong}")
+        events.append(event)
     return tuple(events)
+
+
+def _wrong_field(event: LoggedEvent) -> str:
+    """What is wrong with the types of an event's fields; "" for nothing."""
+    texts = {"severity": event.severity, "code": event.code, "text": event.text}
+    for name, value in texts.items():
+        if not isinstance(value, str):
+            return f"{name} = {value!r} is no text"
+    if event.severity not in SEVERITIES:
+        return f"severity = {event.severity!r} must be one of {', '.join(SEVERITIES)}"
+    if isinstance(event.t_s, bool) or not isinstance(event.t_s, int | float):
+        return f"t_s = {event.t_s!r} is no number"
+    return "" if isinstance(event.data, dict) else f"data = {event.data!r} is no object"
 
 
 def read(folder: RunFolder, columns: Collection[str] | None = None) -> tuple[Ticks, tuple[LoggedEvent, ...]]:

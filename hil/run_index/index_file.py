@@ -86,7 +86,7 @@ def _kept_rows(path: Path) -> dict[str, tuple[str, IndexedRun]]:
 def _keep(path: Path, rows: Iterable[tuple[FoundRun, IndexedRun]]) -> None:
     """Write a new index beside the old one and replace that; does nothing where that is not possible."""
     fresh = path.with_name(f"{INDEX_NAME}.{os.getpid()}.tmp")
-    with suppress(sqlite3.Error, OSError):
+    with suppress(sqlite3.Error, OSError, UnicodeEncodeError):  # the last: a folder whose name is no text
         try:
             fresh.unlink(missing_ok=True)
             with closing(sqlite3.connect(fresh, timeout=TIMEOUT_S)) as index, index:

@@ -1,5 +1,6 @@
 """`hil test`: scenarios with limits, a table of verdicts, a JUnit file, exit code 6."""
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -89,9 +90,23 @@ def test_a_run_that_does_not_go_to_its_end_is_an_error_unless_a_limit_expects_it
     assert "surprise: the run did not go to its end: tripped" in done.out
 
 
+@pytest.mark.parametrize(
+    ("number", "code", "said"),
+    [
+        (signal.SIGINT, 130, "interrupted"),
+        (signal.SIGTERM, 143, "stopped by SIGTERM"),
+        (signal.SIGHUP, 129, "stopped by SIGHUP"),
+    ],
+)
 def test_a_test_that_is_interrupted_keeps_the_verdicts_of_the_runs_made(
-    tmp_path: Path, command_line: CommandLine, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
+    command_line: CommandLine,
+    monkeypatch: pytest.MonkeyPatch,
+    number: signal.Signals,
+    code: int,
+    said: str,
 ) -> None:
+    """SIGTERM, by which a job of continuous integration is ended, left no JUnit file."""
     for name in ("a", "b", "c"):
         scenario(tmp_path / "mine", name, GOOD)
     made: list[str] = []
@@ -99,13 +114,13 @@ def test_a_test_that_is_interrupted_keeps_the_verdicts_of_the_runs_made(
     def judge(asked: AcceptanceRun, _bench: object) -> JudgedScenario:
         made.append(asked.out.name)
         if len(made) == 2:
-            raise KeyboardInterrupt
+            signal.raise_signal(number)
         return JudgedScenario(asked.out.name)
 
     monkeypatch.setattr(test_command, "judge_in_lockstep", judge)
     junit = tmp_path / "out.xml"
     done = command_line("hil", "test", tmp_path / "mine", "--processes", "1", "--junit", junit)
-    assert done.code == 130, done
+    assert (done.code, done.err) == (code, f"hil: {said}\n"), done
     assert [(one[0], one[4]) for one in suites(junit)] == [("a", "0"), ("b", "1"), ("c", "1")]
     assert "1 of 1 scenarios passed, 2 not run" in done.out
 

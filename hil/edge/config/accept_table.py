@@ -2,16 +2,60 @@
 
 from __future__ import annotations
 
+import re
+from difflib import get_close_matches
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
+from hil.core.fault_kinds import FaultKind, fault_kind
+from hil.core.types import NAMELESS, TripCause
 from hil.edge.config.settings_file import Finite, NotNegative, Positive, Section
 
-FigurePath = Annotated[str, Field(pattern=r"^[A-Za-z_]\w*(\.\w+|\[\d+\])*$", max_length=200)]
+PATH = re.compile(r"[A-Za-z_]\w*(\.\w+|\[\d+\])*", re.ASCII)
+ALARM = re.compile(r"([a-z0-9_]+)(?: (\w+))?", re.ASCII)
+TARGETS = {"pump": 2, "valve": 2, "tank": 4, "sensor": 4}
+"""How many there are of what a fault acts on."""
+
+
+def _figure_path(path: str) -> str:
+    """Raise ValueError for what is no path."""
+    if not PATH.fullmatch(path):
+        raise ValueError("must be a path in kpi.json, such as iae_Vs.gain_fall[0]")
+    return path
+
+
+def _alarm_name(name: str) -> str:
+    """Raise ValueError for what no alarm can be named. A detector of a package may have kinds of its own."""
+    match = ALARM.fullmatch(name)
+    if match is None:
+        raise ValueError("must be kind and target of an alarm, such as 'pump_effectiveness 1'")
+    kinds = [kind for kind in FaultKind if kind.is_of_the_process]
+    kind = fault_kind(match[1])
+    if kind is None:
+        close = get_close_matches(match[1], [*kinds, *NAMELESS], n=1, cutoff=0.85)
+        if close and close[0] != match[1]:
+            raise ValueError(f"there is no kind {match[1]!r}; is {str(close[0])!r} meant?")
+    elif kind not in kinds:
+        raise ValueError(f"no alarm is named so: it must be one of {', '.join(kinds)}, or the kind of a detector's own")
+    elif (count := TARGETS.get(kind.acts_on)) and match[2] not in map(str, range(1, count + 1)):
+        raise ValueError(f"must be {kind} and the number of the {kind.acts_on}, from 1 to {count}")
+    return name
+
+
+def _cause(name: str) -> str:
+    """Raise ValueError for what is no cause of a trip."""
+    if name not in set(TripCause):
+        raise ValueError(f"must be one of {', '.join(TripCause)}")
+    return name
+
+
+Cause = Annotated[str, AfterValidator(_cause)]
+
+FigurePath = Annotated[str, AfterValidator(_figure_path), Field(max_length=200)]
 """Where a figure stands in `kpi.json`: `iae_Vs.gain_fall[0]`."""
 
-FaultName = Annotated[str, Field(pattern=r"^[a-z0-9_]+( \w+)?$", max_length=80)]
+FaultName = Annotated[str, AfterValidator(_alarm_name), Field(max_length=80)]
 """As an alarm names it: kind and target, `pump_effectiveness 1`."""
 
 CHECKS = (
@@ -43,7 +87,7 @@ class AcceptTable(Section):
     named: tuple[FaultName, ...] | None = None
     no_alarm: Literal[True] | None = None
     no_trip: Literal[True] | None = None
-    trip: Annotated[str, Field(min_length=1, max_length=64)] | None = None
+    trip: Cause | None = None
     level_max_cm: Positive | None = None
     skipped_max: Annotated[int, Field(ge=0)] | None = None
     lateness_p99_s: NotNegative | None = None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from types import FrameType
 
 AWAKE_NS = 150_000
@@ -59,19 +59,54 @@ class StopSignal:
 
     def __enter__(self) -> StopSignal:
         """Take the signals over."""
-        if threading.current_thread() is not threading.main_thread():
-            return self
-        is_hangup_ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
-        for number in (signal.SIGINT, signal.SIGTERM, *(() if is_hangup_ignored else (signal.SIGHUP,))):
-            self._previous[number] = signal.signal(number, self._handle)
+        self._previous = _taken_over((signal.SIGINT, signal.SIGTERM, signal.SIGHUP), self._handle)
         return self
 
     def __exit__(self, *exc: object) -> None:
         """Give them back."""
-        for number, handler in self._previous.items():
-            signal.signal(number, handler)  # type: ignore[arg-type]
+        _give_back(self._previous)
 
     def _handle(self, number: int, _: FrameType | None) -> None:
         if self.received is not None:
             raise KeyboardInterrupt
         self.received = signal.Signals(number)
+
+
+class EndingSignal:
+    """SIGTERM and SIGHUP raise KeyboardInterrupt at once, as SIGINT does; `received` names them. Use as a context.
+
+    For work that moves nothing: files are closed and processes ended on the way out. Otherwise as `StopSignal`.
+    """
+
+    def __init__(self) -> None:
+        self.received = ""
+        self._previous: dict[signal.Signals, object] = {}
+
+    def __enter__(self) -> EndingSignal:
+        """Take the signals over."""
+        self._previous = _taken_over((signal.SIGTERM, signal.SIGHUP), self._handle)
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        """Give them back."""
+        _give_back(self._previous)
+
+    def _handle(self, number: int, _: FrameType | None) -> None:
+        self.received = self.received or signal.Signals(number).name
+        raise KeyboardInterrupt
+
+
+def _taken_over(
+    numbers: Sequence[signal.Signals], handle: Callable[[int, FrameType | None], None]
+) -> dict[signal.Signals, object]:
+    """Handle signals in the main thread; what handled them before."""
+    if threading.current_thread() is not threading.main_thread():
+        return {}
+    is_hangup_ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    wanted = [number for number in numbers if not (number == signal.SIGHUP and is_hangup_ignored)]
+    return {number: signal.signal(number, handle) for number in wanted}
+
+
+def _give_back(previous: Mapping[signal.Signals, object]) -> None:
+    for number, handler in previous.items():
+        signal.signal(number, handler)  # type: ignore[arg-type]

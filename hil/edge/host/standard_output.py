@@ -9,7 +9,11 @@ from typing import Any, TextIO
 
 
 class GuardedOutput:
-    """Wraps a text stream. After the first error of the system, which is kept in `error`, output is discarded."""
+    """Wraps a text stream. After the first error of the system, which is kept in `error`, output is discarded.
+
+    Characters that the stream's encoding does not have are written as escapes: names of files that are no text in it,
+    or lines of a table where the encoding has letters only.
+    """
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
@@ -33,6 +37,8 @@ class GuardedOutput:
         if self.error is None:
             try:
                 return self._stream.write(text)
+            except UnicodeEncodeError:
+                return self._stream.write(_writable(text, self._stream.encoding))
             except OSError as error:
                 self._give_up(error)
         return len(text)
@@ -56,3 +62,7 @@ class GuardedOutput:
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, self._stream.fileno())
             os.close(nowhere)
+
+
+def _writable(text: str, encoding: str) -> str:
+    return text.encode(encoding, "backslashreplace").decode(encoding)

@@ -25,6 +25,8 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from hil.core.errors import HilError
+from hil.edge.record.json_text import read_json
+from hil.edge.record.manifest_check import wrong_field
 from hil.edge.record.new_folder import NewFolder
 from hil.version import __version__
 
@@ -141,19 +143,25 @@ class Manifest:
     def from_json(cls, text: str) -> Manifest:
         """The manifest in a `run.json`; raises RunFolderError when it is not one."""
         try:
-            raw = json.loads(text)
+            raw = read_json(text)
+            if not isinstance(raw, dict):
+                raise RunFolderError("run.json is not a run's manifest: it is no table")
             if raw["format"] not in FORMATS_READ:
                 read = " and ".join(str(number) for number in FORMATS_READ)
                 raise RunFolderError(f"run.json has format {raw['format']}, this program reads {read}")
             if raw["status"] not in get_args(Status):
                 raise RunFolderError(f"run.json has the unknown status {raw['status']!r}")
+            if wrong := wrong_field(raw):
+                raise RunFolderError(f"run.json is not a run's manifest: {wrong}")
             shown = tuple(raw.pop("shown", ()))  # a run folder of an earlier version has none
             plan = {name: raw.pop(name) for name in RunPlan.__dataclass_fields__ if name != "shown"}
             windows = tuple(Window(**window) for window in plan.pop("windows"))
             del raw["format"]
             clock = ClockOffsets(**raw.pop("clock", {}))
             return cls(plan=RunPlan(windows=windows, shown=shown, **plan), clock=clock, **raw)
-        except (ValueError, KeyError, TypeError) as error:
+        except KeyError as error:
+            raise RunFolderError(f"run.json is not a run's manifest: it has no {error}") from error
+        except (ValueError, TypeError, RecursionError) as error:
             raise RunFolderError(f"run.json is not a run's manifest: {error}") from error
 
 
@@ -242,8 +250,15 @@ class RunFolder:
         return self.path / "report.html"
 
     def manifest(self) -> Manifest:
-        """Read `run.json`; raises RunFolderError when it cannot be understood."""
-        return Manifest.from_json(self.manifest_path.read_text(encoding="utf-8"))
+        """Read `run.json`; raises RunFolderError, which names the folder, when it cannot be read or understood."""
+        try:
+            return Manifest.from_json(self.manifest_path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise RunFolderError(f"{self.manifest_path} can't be read: {error.strerror or error}") from error
+        except UnicodeDecodeError as error:
+            raise RunFolderError(f"{self.manifest_path} is no text: {error.reason} at byte {error.start}") from error
+        except RunFolderError as error:
+            raise RunFolderError(f"{self.path}: {error}") from error.__cause__
 
     def note_run_zero(self, monotonic_s: float) -> None:
         """Record when the run's time began. Raises OSError, RunFolderError."""
