@@ -1,5 +1,6 @@
 """Pump nodes with one thing wrong each, as a firmware under development may have it."""
 
+from functools import cache
 from typing import Any
 
 import can
@@ -291,18 +292,37 @@ def tried(
     node: type[PumpNode],
     *faults: FaultTable,
     with_pumps: bool = False,
-    pump_node: bool = True,
     level_node: bool = False,
     **bench: Any,
 ) -> tuple[dict[str, Result], LockstepBench]:
-    """Results by name, and the bench: the node in the place of the emulator's."""
+    """Results by name, and the bench: the node in the place of the emulator's. The same check is made once only."""
+    if faults or bench:
+        return _tried(monkeypatch, node, *faults, with_pumps=with_pumps, level_node=level_node, **bench)
+    same: Any = node  # mypy takes the class for one that can't be hashed
+    return _tried_once(same, with_pumps=with_pumps, level_node=level_node)
+
+
+@cache
+def _tried_once(node: type[PumpNode], *, with_pumps: bool, level_node: bool) -> tuple[dict[str, Result], LockstepBench]:
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        return _tried(monkeypatch, node, with_pumps=with_pumps, level_node=level_node)
+
+
+def _tried(
+    monkeypatch: pytest.MonkeyPatch,
+    node: type[PumpNode],
+    *faults: FaultTable,
+    with_pumps: bool,
+    level_node: bool,
+    **bench: Any,
+) -> tuple[dict[str, Result], LockstepBench]:
     assert {name for name in vars(node) if name.startswith("_") and not name.startswith("__")} <= set(dir(PumpNode)), (
         "a private method that PumpNode no longer has overrides nothing"
     )
     monkeypatch.setattr(firmware_sim.rig, "PumpNode", node)
     there = LockstepBench(**bench).inject(*faults)
     assert there.now_ns() == BOOTED_NS
-    plan = Plan(pump_node, level_node, with_pumps, RIG.sensors.range_V)
+    plan = Plan(True, level_node, with_pumps, RIG.sensors.range_V)
     try:
         with there.probe() as probe:
             results = run_suite(probe, plan)

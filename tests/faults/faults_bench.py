@@ -292,6 +292,12 @@ def play(
     return run
 
 
+@lru_cache(maxsize=1)
+def plain() -> Run:
+    """The usual run without any fault, made once; nobody changes it."""
+    return play(scenario_data())
+
+
 def play_with_early_fault(scenario: dict[str, Any], after_s: float, *, seed: int) -> Run:
     """Play, with the scenario's only fault so long after power-up: in the start phase, before its time begins."""
     _, _, truth, faults = _built(scenario)

@@ -32,6 +32,7 @@ from tests.faults.faults_bench import (
     assert_tripped,
     contract,
     fault,
+    plain,
     play,
     scenario_data,
 )
@@ -52,6 +53,10 @@ def line(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Ite
     assert made.opened > 0, "the case was not played over the line"
     assert made.commands > 0, "no command went over the line"
     assert made.delivered > 0, "nothing came back over the line"
+
+
+pty_every_day = pytest.mark.parametrize("line", [pytest.param("tcp", marks=pytest.mark.long), "pty"], indirect=True)
+"""For cases that are the same on any bus: over TCP with the long tests, but for cases 1, 5 and 12."""
 
 
 def counts(line: slcan_bench.Line) -> dict[str, int]:
@@ -81,7 +86,7 @@ def test_a_run_over_an_adapter_with_other_line_ends_is_the_same_to_the_bit(
         if which == "all lines":
             line.far.answer_end = other_end
 
-    assert line.play(scenario_data(), on_step=on_step).ticks == play(scenario_data()).ticks
+    assert line.play(scenario_data(), on_step=on_step).ticks == plain().ticks
     assert counts(line) == {}
 
 
@@ -90,19 +95,23 @@ def test_case_01_one_frame_lost(frame: str) -> None:
     of_frames.test_case_01_one_frame_lost(frame)
 
 
+@pty_every_day
 def test_case_02_random_loss() -> None:
     of_frames.test_case_02_random_loss(1)
 
 
+@pty_every_day
 @pytest.mark.parametrize("count", [5, 20])
 def test_case_03_burst_lost(count: int) -> None:
     of_frames.test_case_03_burst_lost("UpperLevels", count)
 
 
+@pty_every_day
 def test_case_03_burst_of_commands_lost() -> None:
     of_frames.test_case_03_burst_of_commands_lost(3)
 
 
+@pty_every_day
 @pytest.mark.parametrize("count", [15, 16, 32])
 def test_case_04_burst_that_wraps_the_counter(count: int) -> None:
     of_frames.test_case_04_burst_that_wraps_the_counter("LowerLevels", count)
@@ -112,24 +121,29 @@ def test_case_05_duplicate() -> None:
     of_frames.test_case_05_duplicate()
 
 
+@pty_every_day
 @pytest.mark.parametrize("frame", ["LowerLevels", "PumpCommand"])
 def test_case_06_reordered(frame: str) -> None:
     of_frames.test_case_06_reordered(frame)
 
 
+@pty_every_day
 def test_case_07_delayed_less_than_the_limit() -> None:
     of_frames.test_case_07_delayed_less_than_the_limit("LowerLevels", 0.25)
 
 
+@pty_every_day
 def test_case_08_delayed_more_than_the_limit() -> None:
     of_frames.test_case_08_delayed_more_than_the_limit("PumpStatus")
 
 
+@pty_every_day
 @pytest.mark.parametrize("frame", ["UpperLevels", "PumpCommand"])
 def test_case_09_crc_wrong_once(frame: str) -> None:
     of_frames.test_case_09_crc_wrong_once(frame)
 
 
+@pty_every_day
 def test_case_09_crc_wrong_five_times() -> None:
     of_frames.test_case_09_crc_wrong_five_times("LowerLevels")
 
@@ -150,10 +164,12 @@ def test_case_10_every_one_bit_flip_of_a_line(line: slcan_bench.Line) -> None:
         assert len(taken) == (0 if is_end_lost else 1), bytes(flipped)
 
 
+@pty_every_day
 def test_case_11_counter_stuck() -> None:
     of_frames.test_case_11_counter_stuck("LowerLevels")
 
 
+@pty_every_day
 def test_case_11_counter_of_commands_stuck() -> None:
     of_frames.test_case_11_counter_of_commands_stuck()
 
@@ -162,14 +178,17 @@ def test_case_12_babbling_node_of_a_foreign_id() -> None:
     of_bus.test_case_12_babbling_node_of_a_foreign_id()
 
 
+@pty_every_day
 def test_case_13_babbling_node_of_top_priority() -> None:
     of_bus.test_case_13_babbling_node_of_top_priority()
 
 
+@pty_every_day
 def test_case_14_foreign_command() -> None:
     of_bus.test_case_14_foreign_command(3.0)
 
 
+@pty_every_day
 @pytest.mark.parametrize("frame", ["LowerLevels", "PumpCommand"])
 def test_case_15_wrong_length(frame: str) -> None:
     of_frames.test_case_15_wrong_length(frame)
@@ -212,10 +231,12 @@ def test_case_16_payload_shorter_than_its_length(line: slcan_bench.Line) -> None
     assert counts(line) == {"rejected_payload": len(cuts)}
 
 
+@pty_every_day
 def test_case_17_wrong_id_or_data_id() -> None:
     of_frames.test_case_17_wrong_id_or_data_id()
 
 
+@pty_every_day
 @pytest.mark.parametrize("kind", ["extended_id", "remote_frame"])
 @pytest.mark.parametrize("frame", ["LowerLevels", "PumpCommand"])
 def test_case_18_19_extended_and_remote_frames(frame: str, kind: str) -> None:
@@ -229,6 +250,7 @@ def test_case_20_error_frames_can_not_be_said(line: slcan_bench.Line) -> None:
     assert counts(line) == {}
 
 
+@pty_every_day
 def test_case_21_bus_off() -> None:
     of_bus.test_case_21_bus_off()
 
@@ -282,7 +304,7 @@ def test_case_25_any_garbage_between_two_lines(line: slcan_bench.Line) -> None:
     assert_no_trip(run)
     assert not left
     assert run.outcome.frames_lost == 0
-    assert run.ticks == play(scenario_data()).ticks
+    assert run.ticks == plain().ticks
 
 
 @pytest.mark.parametrize("byte", [b"\xff", b"\x00", b"\n", b"\a"])
@@ -378,20 +400,24 @@ def test_case_28_adapter_stops_reading(line: slcan_bench.Line) -> None:
     assert_safe(run, AT_S)
 
 
+@pty_every_day
 @pytest.mark.parametrize("target", ["pump", "level"])
 def test_case_29_node_reboots(target: str) -> None:
     of_nodes.test_case_29_node_reboots(target, AT_S)
 
 
+@pty_every_day
 @pytest.mark.parametrize("target", ["pump", "level"])
 def test_case_30_heartbeat_stops(target: str) -> None:
     of_nodes.test_case_30_heartbeat_stops(target, AT_S)
 
 
+@pty_every_day
 @pytest.mark.parametrize("jump_s", [3600.0, -3600.0])
 def test_case_46_wall_clock_jumps(monkeypatch: pytest.MonkeyPatch, jump_s: float) -> None:
     of_process.test_case_46_wall_clock_jumps(monkeypatch, jump_s)
 
 
+@pty_every_day
 def test_case_51_detector_raises() -> None:
     of_process.test_case_51_detector_raises(ZeroDivisionError("x"))

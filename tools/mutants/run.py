@@ -36,6 +36,8 @@ OPTIONS = (
     *("-m", "not live and not long and not socketcan"),
 )  # fmt: skip
 POLL_S = 0.005
+LIKELY = 6
+"""So many of the tests that have killed mutants of a module are tried first on the next one."""
 OURS = frozenset({"hil", "firmware_sim", "tests"})
 TIMED_OUT_EXIT = 99
 
@@ -97,28 +99,38 @@ def run_all(
     gc.collect()
     gc.freeze()  # a fork that searches all that was imported for garbage takes twice as long
     judgements = [Judgement(Fate.SURVIVED)] * len(work)
+    killers: dict[Target, dict[str, int]] = {}  # by test: the line of the last mutant that it has killed
     running: list[_Fork] = []
     waiting = list(range(len(work) - 1, -1, -1))
     while waiting or running:
         while waiting and len(running) < jobs:
-            running.append(_forked(waiting[-1], *work[waiting.pop()]))
+            target, mutant = work[waiting[-1]]
+            running.append(_forked(waiting.pop(), target, mutant, _likely(killers.get(target, {}), mutant.line)))
         for fork in list(running):
             fate = _poll(fork)
             if fate is not None:
+                target, mutant = work[fork.number]
                 with os.fdopen(fork.pipe, encoding="utf-8") as pipe:
                     judgements[fork.number] = Judgement(fate, pipe.read())
                 running.remove(fork)
+                if "::" in (killer := judgements[fork.number].killer):
+                    killers.setdefault(target, {})[killer] = mutant.line
                 if on_survivor is not None and fate is Fate.SURVIVED:
-                    on_survivor(*work[fork.number])
+                    on_survivor(target, mutant)
         time.sleep(POLL_S)
     return judgements
 
 
-def _forked(number: int, target: Target, mutant: Mutant) -> _Fork:
+def _likely(killers: dict[str, int], line: int) -> list[str]:
+    """The tests that have killed the mutants of the nearest lines: most of them kill this one, too."""
+    return sorted(killers, key=lambda test: abs(killers[test] - line))[:LIKELY]
+
+
+def _forked(number: int, target: Target, mutant: Mutant, likely: Sequence[str]) -> _Fork:
     read_end, write_end = os.pipe()
     process = os.fork()
     if not process:
-        _judge(target, mutant, write_end)
+        _judge(target, mutant, likely, write_end)
     os.close(write_end)
     return _Fork(number, process, time.monotonic(), read_end)
 
@@ -137,8 +149,11 @@ def _preload(tests: set[tuple[Path, str]]) -> None:
         _imports(name)  # kept for the forks
 
 
-def _judge(target: Target, mutant: Mutant, pipe: int) -> None:
-    """In a fork: run the tests on the mutant, and exit with 0 when all pass; name the one that fails on the pipe."""
+def _judge(target: Target, mutant: Mutant, likely: Sequence[str], pipe: int) -> None:
+    """In a fork: run the tests on the mutant, and exit with 0 when all pass; name the one that fails on the pipe.
+
+    likely : tests to run before all others. What is no test of this mutant's any more is no verdict.
+    """
     os.setpgid(0, 0)
     quiet = os.open(os.devnull, os.O_RDWR)
     for descriptor in (0, 1, 2):
@@ -150,16 +165,23 @@ def _judge(target: Target, mutant: Mutant, pipe: int) -> None:
             _use_compiler_cache(cache)
         _forget(target)
         sys.meta_path.insert(0, _Changed(target, mutant.code))
-        for tests in _in_turn(target.tests):
-            files = [str(target.root / test) for test in tests]
-            code = int(pytest.main([*OPTIONS, "-c", str(target.root / "pyproject.toml"), *files], [_Watcher(pipe)]))
-            if code not in (0, pytest.ExitCode.NO_TESTS_COLLECTED):
-                break
-            code = 0
+        code = _run(target, likely, pipe) if likely else 0
+        if code in (0, pytest.ExitCode.USAGE_ERROR):
+            for tests in _in_turn(target.tests):
+                code = _run(target, tests, pipe)
+                if code != 0:
+                    break
     finally:
         if cache:
             shutil.rmtree(cache, ignore_errors=True)
         os._exit(0 if code == 0 else 1)
+
+
+def _run(target: Target, tests: Sequence[str], pipe: int) -> int:
+    """Run these tests up to the first that fails; pytest's exit code, 0 where there are none."""
+    options = [*OPTIONS, "-c", str(target.root / "pyproject.toml")]
+    code = int(pytest.main([*options, *(str(target.root / test) for test in tests)], [_Watcher(pipe)]))
+    return 0 if code == pytest.ExitCode.NO_TESTS_COLLECTED else code
 
 
 def _in_turn(tests: Sequence[str]) -> Iterator[Sequence[str]]:
