@@ -7,7 +7,7 @@ from hil.core.diagnosis.glr import declaration, first_day, isolation, own_verdic
 from hil.core.diagnosis.glr.filter import PERIOD, READING, VARIANCE, VOLTAGE, WEIGHT, StepResult
 from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, jumps_of
 from hil.core.diagnosis.glr.memory import Declared, Lost, Memory, Suspicion, Wide
-from hil.core.diagnosis.glr.model import BIAS, GAIN, LAG, LEAK, OUTLET, SCALE, N
+from hil.core.diagnosis.glr.model import BIAS, GAIN, LAG, LEAK, OUTLET, PUMP, SCALE, ZONE, N
 from hil.core.types import Measurement
 from tests.glr.glr_bench import DETECTOR
 
@@ -216,6 +216,57 @@ def test_one_pump_near_its_dead_zone_shows_nothing_and_two_do() -> None:
     m.replays.x[BOTH, GAIN : GAIN + 2] = 0.0
     assert own_verdict.shows_nothing(m, number_of(GAIN))
     assert not own_verdict.shows_nothing(m, BOTH)
+
+
+@pytest.mark.parametrize(
+    ("change", "voltage_V", "is_nothing"), [(-0.02, 0.4, True), (-0.2, 0.4, False), (-0.02, 1.2, False)]
+)
+def test_a_pump_in_its_dead_zone_beside_one_that_works_shows_nothing(
+    change: float, voltage_V: float, *, is_nothing: bool
+) -> None:
+    """Pump 2 at 0.4 V, dead zone 0.43 V, learned as 0.07 V: "both pumps", with 0.99 and none of their gains."""
+    m = a_verdict(GAIN, 1.0, is_wide=True)
+    m.history.entries[290:301, VOLTAGE + 1] = voltage_V
+    m.replays.before[BOTH], m.replays.x[BOTH], m.replays.onset[BOTH] = m.x, m.x, 290
+    m.replays.x[BOTH, GAIN] += change
+    m.replays.x[BOTH, GAIN + 1] = -0.4
+    assert own_verdict.shows_nothing(m, BOTH) is is_nothing
+
+
+def test_a_pump_that_shows_nothing_in_its_dead_zone_teaches_how_long_that_is() -> None:
+    """It was only not reported, and found again and again, until a leak of 0.3 % had been open for 20 s."""
+    m = a_verdict(GAIN, 0.25, is_wide=True)
+    number = number_of(GAIN)
+    m.history.entries[290:301, VOLTAGE] = 0.4
+    m.replays.P[number] = m.P
+    m.replays.P[number, GAIN, GAIN] = 0.1
+    m.replays.x[number, [ZONE, PUMP]] = 0.08, 0.32
+    m.replays.target[number] = m.growing
+    first_day.learn_zone(CONFIG, m, number)
+    assert m.x[[GAIN, ZONE, PUMP]] == pytest.approx((1.0, 0.4 - 0.25 * 0.32, 0.25 * 0.32))
+    assert m.P[GAIN, GAIN] == 0.0
+    assert m.P[ZONE, ZONE] == CONFIG.wide_prior[ZONE] ** 2
+
+
+@pytest.mark.parametrize(("voltage_V", "is_quiet"), [(0.4, True), (1.2, False)])
+def test_a_pump_in_its_dead_zone_does_not_make_a_question_at_once(voltage_V: float, *, is_quiet: bool) -> None:
+    m = a_memory(0.0, 0.0)
+    m.is_wide = True
+    m.history.entries[:, VOLTAGE] = voltage_V
+    m.best.ratio[:], m.max_ratio = 0.0, 21.0
+    m.best.ratio[number_of(OUTLET)], m.best.ratio[number_of(GAIN)], m.best.slot[:] = 21.0, 20.0, 0
+    m.bank.onset[0] = 290
+    assert own_verdict.may_be_own(CONFIG, m) is is_quiet
+
+
+@pytest.mark.parametrize(("open_s", "is_told"), [(1.9, False), (2.1, True)])
+def test_a_pump_in_its_dead_zone_keeps_an_alarm_back_for_two_seconds(open_s: float, *, is_told: bool) -> None:
+    """What is found meanwhile may be a leak that begins while a pump is nearly at rest."""
+    m = near_each_other((GAIN, -1.0, 20.0), (OUTLET, 0.2, 24.0))
+    m.history.entries[280:301, VOLTAGE] = 0.4
+    m.suspicion = Suspicion(number=None, detected_s=m.t_s - open_s, is_quiet=True, leader=number_of(OUTLET))
+    isolation._speak(CONFIG, m, m.suspicion)
+    assert (m.suspicion.number is not None) is is_told
 
 
 @pytest.mark.parametrize(("voltage_V", "is_learned"), [(3.05, False), (4.0, True)])

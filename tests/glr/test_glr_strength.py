@@ -98,3 +98,16 @@ def test_what_a_pump_gives_now_is_told_to_the_interlocks(
     m = a_memory(share, std)
     m.x[PUMP], m.P[PUMP, PUMP], m.is_wide = lagged_V, 1e-6, is_wide
     assert strength.flow_V(m)[0] == pytest.approx(flow_V)
+
+
+@pytest.mark.parametrize(
+    ("share", "is_wide", "is_told"), [(0.25, True, True), (0.4, True, False), (0.25, False, False)]
+)
+def test_a_pump_that_was_learned_as_dead_is_reported_at_any_time(share: float, *, is_wide: bool, is_told: bool) -> None:
+    """It died while it stood still; then the filter beside explained it, and after 300 s nothing told."""
+    m = a_memory(0.8, 0.01)
+    assert len(alarms_of(m, 20.0)) == 1
+    m.t_s, m.is_wide, m.x[SCALE] = 400.0, is_wide, share
+    told = alarms_of(m, 20.0)
+    assert [alarm.kind for alarm in told] == (["pump_effectiveness"] if is_told else [])
+    assert [alarm.size for alarm in told] == pytest.approx([share] if is_told else [])

@@ -154,13 +154,17 @@ def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Ala
 def _speak(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> None:
     """Raise the alarm of a quiet suspicion when nothing that may be the rig's own is near the likeliest fault.
 
-    What is near a sensor's fault counts for the first seconds only.
+    What is near a sensor's fault, and a pump in its dead zone, count for the first seconds only.
     """
     if not suspicion.is_quiet or suspicion.leader is None:
         return
     open_s, is_start = m.t_s - suspicion.detected_s, m.t_s < 0.0
-    own = own_verdict.own_near if open_s < FIRST_S else own_verdict.own_instead
-    if own(config, m, suspicion.leader) is not None and not (is_start and open_s >= START_QUIET_S):
+    if open_s < FIRST_S:
+        near = own_verdict.own_near(config, m, suspicion.leader)
+        may_be_own = near is not None or own_verdict.is_nothing_near(config, m, suspicion.leader)
+    else:
+        may_be_own = own_verdict.own_instead(config, m, suspicion.leader) is not None
+    if may_be_own and not (is_start and open_s >= START_QUIET_S):
         return
     m.alarms += 1
     suspicion.quiet_s = m.t_s - suspicion.detected_s
@@ -272,6 +276,7 @@ def _settle(config: DetectorConfig, m: Memory, suspicion: Suspicion, winner: int
     r, has_moved = m.replays, ambiguity.has_moved(m)
     if own_verdict.shows_nothing(m, winner):
         m.suspicion = None
+        first_day.learn_zone(config, m, winner)
         m.restart_bank()
         return [] if suspicion.number is None else [declaration.withdrawn(m, suspicion.number, ())]
     is_own = own_verdict.is_own(config, m, winner)

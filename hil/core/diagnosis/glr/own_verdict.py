@@ -79,7 +79,9 @@ def may_be_own(config: DetectorConfig, m: Memory) -> bool:
     if not m.is_wide or ratio[leader] <= 0.0 or float(ratio[leader]) < m.max_ratio - config.tuning.margin:
         return False
     is_new = not any(j in m.declared for j in (*jumps_of(leader), *jumps_of(int(np.argmax(ratio)))))
-    return is_new and is_learned_on(m) and moved_by(m, int(m.bank.onset[m.best.slot[leader]])) >= MOVED_V
+    onset = int(m.bank.onset[m.best.slot[leader]])
+    is_in_zone = any(ratio[j] >= m.max_ratio - config.tuning.margin and is_idle(m, j, onset) for j in PUMPS)
+    return is_new and is_learned_on(m) and (moved_by(m, onset) >= MOVED_V or is_in_zone)
 
 
 def own_instead(config: DetectorConfig, m: Memory, leader: int) -> int | None:
@@ -127,11 +129,28 @@ def _is_lag_that_shows(m: Memory, number: int) -> bool:
 
 def shows_nothing(m: Memory, winner: int) -> bool:
     """Whether a verdict says that a pump gives less, and it has hardly been driven since: that is a dead zone."""
-    r = m.replays
+    r, onset = m.replays, int(m.replays.onset[winner])
     jumps = jumps_of(winner)
+    if any(j in m.declared for j in jumps):
+        return False
     states = [JUMPS[j].state for j in jumps]
     is_less = bool(np.all(r.x[winner, states] < r.before[winner, states]))
-    return is_less and is_idle(m, winner, int(r.onset[winner])) and not any(j in m.declared for j in jumps)
+    return (is_less and is_idle(m, winner, onset)) or (winner == BOTH and any(_is_one(m, j, onset) for j in PUMPS))
+
+
+def _is_one(m: Memory, pump: int, onset: int) -> bool:
+    """Whether, of both pumps, this one gives less in its dead zone, and the other is driven and gives what it gave."""
+    change = m.replays.x[BOTH, GAIN : GAIN + 2] - m.replays.before[BOTH, GAIN : GAIN + 2]
+    other = PUMPS[1 - pump]
+    is_other_well = abs(float(change[other])) <= SMALL and not is_idle(m, other, onset)
+    return float(change[pump]) < 0.0 and is_other_well and is_idle(m, pump, onset)
+
+
+def is_nothing_near(config: DetectorConfig, m: Memory, leader: int) -> bool:
+    """Whether a pump in its dead zone explains the readings about as well as the likeliest fault."""
+    r = m.replays
+    least = float(r.evidence[leader]) - config.tuning.margin
+    return any(not r.dropped[j] and float(r.evidence[j]) >= least and shows_nothing(m, j) for j in PUMPS)
 
 
 def _is_sensor(number: int) -> bool:

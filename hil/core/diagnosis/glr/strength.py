@@ -31,6 +31,10 @@ REPORT_S = 300.0
 """A difference that shows later than this after the first reading is not the rig's own. A sensor that drifts slowly
 moves what the filter knows of the pumps, and a name would hide it from the watch of the inflow."""
 
+LOST_SHARE = 0.4
+"""A smaller share of what was reported is a pump that has failed, whenever it shows: the filter has learned it as the
+rig's own, as of one that fails while it stands still, and shows it when the voltage moves."""
+
 MAX_FLOW_STD, MAX_FLOW_V = 0.05, 15.0
 """What a pump gives now counts if it is known so well, as a share, and up to this."""
 
@@ -40,10 +44,12 @@ MAX_STRENGTH = 2.0
 
 def step(m: Memory) -> list[Alarm]:
     """One step; the alarms of pumps that are known by now."""
-    if m.t_s - m.begun_s > REPORT_S:
-        return []
+    is_late = m.t_s - m.begun_s > REPORT_S
     alarms = []
     for pump in PUMPS:
+        if is_late and not _is_lost(m, pump):
+            m.steady_s[pump] = 0.0
+            continue
         is_busy = m.suspicion is not None or pump in m.declared or float(m.entry[VOLTAGE + pump]) < MIN_VOLTAGE_V
         if is_busy or not _is_clear(m, pump):
             m.steady_s[pump] = 0.0
@@ -103,6 +109,12 @@ def _report(m: Memory, pump: int, share: float, std: float) -> Alarm:
         number=told.number,
         is_recovery=is_recovery,
     )
+
+
+def _is_lost(m: Memory, pump: int) -> bool:
+    """Whether a pump gives far less than was reported, on a rig that is proven not to be as its file says."""
+    told = m.strength.get(pump)
+    return m.is_wide and _share(m, pump) < LOST_SHARE * (told.share if told else 1.0)
 
 
 def _is_clear(m: Memory, pump: int) -> bool:
