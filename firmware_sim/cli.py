@@ -135,7 +135,12 @@ def _scenario_file(folder: Path, scenario: str | None) -> Path | None:
     if scenario is None:
         return None
     named = folder / "scenarios" / f"{scenario}.toml"
-    return named if not Path(scenario).exists() and named.is_file() else Path(scenario)
+    if Path(scenario).exists() or not named.parent.is_dir() or Path(scenario).name != scenario or "." in scenario:
+        return Path(scenario)
+    if not named.is_file():
+        shipped = ", ".join(sorted(file.stem for file in named.parent.glob("*.toml")))
+        raise UsageError(f"--scenario {scenario}: no such file, and no shipped name; shipped scenarios: {shipped}")
+    return named
 
 
 def _why_no_port(error: OSError | OverflowError) -> str:

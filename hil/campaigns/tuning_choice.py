@@ -22,8 +22,8 @@ RULE = (
     "Chosen: the smallest geometric mean of step IAE and loss IAE, each over that of the present options, among the "
     "candidates whose runs all ended, whose sigma(v) is within the limit and whose loop, where it is linear, has a "
     f"gain margin of {GAIN_MARGIN:g}, a delay margin of {DELAY_PERIODS:g} control periods, and is stable with its "
-    f"gains kept after each loss of 60 % and on rigs that are {SPREAD:.0%} off. "
-    f"The present options stay unless that is better by {1.0 - BETTER:.0%}."
+    f"gains kept after each loss of 60 % and on rigs that are {100.0 * SPREAD:g} % off. "
+    f"The present options stay unless that is better by {100.0 * (1.0 - BETTER):g} %."
 )
 
 
@@ -118,4 +118,4 @@ def _objection(trial: Trial, period_s: float, noise_max_V: float | None) -> str:
         return f"delay margin {robust.delay_s:.2g} s"
     if robust.lost:
         return f"not stable after {', '.join(robust.lost)} with gains kept"
-    return f"not stable on rigs {SPREAD:.0%} off" if robust.spread < SPREAD else ""
+    return f"not stable on rigs {100.0 * SPREAD:g} % off" if robust.spread < SPREAD else ""

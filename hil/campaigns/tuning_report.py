@@ -19,6 +19,10 @@ HEADS = (
 )  # fmt: skip
 
 
+PLOT_PT, LETTER_PT = (350.0, 120.0), 4.0
+"""About the size of one of the two plots of a figure, and the width of a letter beside a point, in points."""
+
+
 def render(rig: str, law: str, trials: Sequence[Trial]) -> str:
     """The page's HTML. rig : name of its file."""
     chosen = next((trial for trial in trials if trial.is_chosen), None)
@@ -34,7 +38,8 @@ def render(rig: str, law: str, trials: Sequence[Trial]) -> str:
             if any(trial.robustness for trial in trials)
             else ""
         )
-    table = page.table(HEADS, map(line, trials), numeric=frozenset(range(2, len(HEADS) - 1)))
+    heads = [head.replace("V s", "V\u00a0s") for head in HEADS]
+    table = page.table(heads, map(line, trials), numeric=frozenset(range(2, len(HEADS) - 1)))
     body = (
         f"<header><h1>Tuning of {page.escape(law)}</h1>{page.facts(facts)}</header>\n"
         f'<div class="figures">{figures}</div>\n'
@@ -52,7 +57,7 @@ def line(trial: Trial) -> list[str]:
         if robust is None
         else [
             number(robust.gain_up, 3), number(robust.gain_down, 2), number(robust.delay_s, 2),
-            number(robust.distance, 2), f"{robust.spread:.0%}",
+            number(robust.distance, 2), f"{100.0 * robust.spread:g} %",
         ]
     )  # fmt: skip
     return [
@@ -101,18 +106,49 @@ def margins(trials: Sequence[Trial]) -> str:
 
 
 def _points(axes: Axes, trials: Sequence[Trial], value: Callable[[Trial], float | None]) -> None:
-    for trial in trials:
-        y = value(trial)
-        if y is None or trial.noise_V is None or not math.isfinite(y):
-            continue
-        x = 1e3 * trial.noise_V
+    shown = [
+        (trial, 1e3 * trial.noise_V, y)
+        for trial in trials
+        if (y := value(trial)) is not None and trial.noise_V is not None and math.isfinite(y)
+    ]
+    for trial, x, y in shown:
         color = ORANGE if trial.candidate.is_present else GREY if trial.objection else BLUE
         axes.plot(x, y, "o", color=color, ms=5.5)
         if trial.is_chosen:
             axes.plot(x, y, "o", color=INK, ms=12, mfc="none", mew=1.6)
-        axes.annotate(trial.candidate.label[:18], (x, y), xytext=(6, 4), textcoords="offset points", fontsize=7.5)
+    axes.margins(x=0.12, y=0.25)
     axes.set_ylim(bottom=0.0)
-    axes.margins(x=0.12)
+    named = [(trial.candidate.label[:18], x, y) for trial, x, y in shown if not trial.candidate.is_present]
+    spots = _spots(axes, named, [(x, y) for _, x, y in shown])
+    for (name, x, y), spot in zip(named, spots, strict=True):
+        axes.annotate(name, (x, y), xytext=spot, textcoords="offset points", fontsize=7.5)
+
+
+def _spots(
+    axes: Axes, named: Sequence[tuple[str, float, float]], points: Sequence[tuple[float, float]]
+) -> list[tuple[float, float]]:
+    """Where each name stands beside its point, in points: the first place that no other name or point takes."""
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+
+    def place(x: float, y: float) -> tuple[float, float]:
+        return PLOT_PT[0] * (x - left) / (right - left), PLOT_PT[1] * (y - bottom) / (top - bottom)
+
+    taken = [(px - 4.0, py - 4.0, px + 4.0, py + 4.0) for px, py in (place(x, y) for x, y in points)]
+    spots = []
+    for name, x, y in named:
+        px, py = place(x, y)
+        width = LETTER_PT * len(name)
+        sides = ((dx, dy) for dy in (4.0, -11.0, 13.0, -20.0, 22.0, -29.0) for dx in (6.0, -6.0 - width, -width / 2.0))
+        boxes = [((dx, dy), (px + dx, py + dy, px + dx + width, py + dy + 8.0)) for dx, dy in sides]
+        inside = [one for one in boxes if one[1][0] > 0.0 and one[1][2] < PLOT_PT[0] and 0.0 < one[1][1] < PLOT_PT[1]]
+        spot, box = next((one for one in inside if not any(_overlap(one[1], other) for other in taken)), boxes[0])
+        taken.append(box)
+        spots.append(spot)
+    return spots
+
+
+def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
 
 
 def _legend(axes: Axes) -> None:

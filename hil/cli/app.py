@@ -131,7 +131,7 @@ def _command() -> int:
     try:
         code = app(standalone_mode=False, prog_name="hil", terminal_width=min(_width(), MIN_RICH_WIDTH) - 2)
     except typer.TyperException as error:  # a wrong option or argument
-        return complain(str(getattr(error, "format_message", error.__str__)()), exit_codes.BAD_INPUT)
+        return complain(_wrong_option(error), exit_codes.BAD_INPUT)
     except (typer.Abort, KeyboardInterrupt):
         return complain("interrupted", exit_codes.BY_SIGNAL["SIGINT"])
     except Exception as error:
@@ -143,6 +143,22 @@ def _command() -> int:
             return complain(f"{os.fsdecode(error.filename)}: {error.strerror or error}", exit_codes.NOT_DONE)
         raise
     return code if isinstance(code, int) else 0
+
+
+def _wrong_option(error: typer.TyperException) -> str:
+    """The message, with the value and the range of an option that has one."""
+    message = str(getattr(error, "format_message", error.__str__)())
+    option, cause = getattr(error, "param", None), error.__cause__
+    low, high = getattr(option, "min", None), getattr(option, "max", None)
+    if not isinstance(cause, ValueError) or not hasattr(cause, "errors") or (low is None and high is None):
+        return message
+    value = cause.errors(include_url=False)[0]["input"]
+    allowed = " and ".join(
+        word
+        for word in ("" if low is None else f"at least {low:.10g}", "" if high is None else f"at most {high:.10g}")
+        if word
+    )
+    return f"{message.rpartition(': ')[0]}: {value}: must be a number, {allowed}"
 
 
 def _exit_code(error: Exception) -> int:

@@ -149,7 +149,7 @@ def status_lines(hello: Message, state: Message) -> list[str]:
     """A state as lines of text."""
     t_s, coming = state["t_s"], state["next"]
     time_text = "not begun" if t_s is None else f"{t_s:.1f} s"
-    held = ", the scenario's clock stands" if state["held"] else ""
+    held = ", the scenario's clock is held" if state["held"] else ""
     lines = [f"{hello['scenario']}: {state['mode']}, {time_text}{held}, in {hello['folder']}"]
     rows = (
         ("level [cm]", state["measured_cm"], 2),

@@ -231,7 +231,7 @@ def _with_clock(plan: LivePlan, mode: Mode, action: LiveAction, t_s: float) -> t
     if (action is LiveAction.HOLD) is plan.is_held:
         raise RefusedError("no_change", f"the scenario's clock {'stands already' if plan.is_held else 'goes'}")
     if action is LiveAction.HOLD:
-        return live_plan.hold(plan, t_s), f"hold: the scenario's clock stands at {plan.scenario_s(t_s):.1f} s"
+        return live_plan.hold(plan, t_s), f"hold: the scenario's clock is held at {plan.scenario_s(t_s):.1f} s"
     held_s = t_s - (plan.held_at_s or 0.0)
     return live_plan.resume(plan, t_s), f"resume: the scenario's clock goes on, {held_s:.1f} s later"
 

@@ -32,7 +32,7 @@ dl.facts dt{color:var(--soft)}dl.facts dd{margin:0;font-variant-numeric:tabular-
 table{border-collapse:collapse;width:100%;font-size:.93rem;font-variant-numeric:tabular-nums}
 th,td{text-align:left;padding:.34rem .7rem .34rem 0;border-bottom:1px solid var(--rule);vertical-align:top}
 th{color:var(--soft);font-weight:600;border-bottom-color:var(--ink)}
-.n{text-align:right;white-space:nowrap}.WARN{color:var(--orange);font-weight:600}.ERROR{color:var(--red);font-weight:600}
+.n{text-align:right}td.n{white-space:nowrap}.WARN{color:var(--orange);font-weight:600}.ERROR{color:var(--red);font-weight:600}
 .figures{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,470px),1fr));gap:1.4rem 1.8rem}
 figure{margin:0;break-inside:avoid}figure.wide{grid-column:1/-1}figure svg{width:100%;height:auto;display:block}
 figcaption{font-size:.9rem;color:var(--soft);margin-top:.25rem}figcaption b{color:var(--ink)}

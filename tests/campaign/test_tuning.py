@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 import shutil
 from datetime import datetime
+from itertools import combinations
 from pathlib import Path
 
 import control
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from hil.bench import tuning_run
 from hil.bench.design_figures import process_figures
@@ -19,7 +21,7 @@ from hil.bench.loop_margins import is_stable, loop_margins, sampled
 from hil.bench.tuning_candidates import candidates
 from hil.bench.tuning_run import NotWrittenError, TuneOptions
 from hil.campaigns.tuning_choice import Candidate, Robustness, Trial, judged
-from hil.campaigns.tuning_report import render
+from hil.campaigns.tuning_report import LETTER_PT, PLOT_PT, _overlap, _spots, render
 from hil.core.gain_design import gain_matrix
 from hil.core.tanks import Array, LinearModel
 from hil.edge.config.rig_file import Rig, load_rig
@@ -132,7 +134,7 @@ def trial(label: str, step: float | None, loss: float, noise_V: float = 0.02, **
         (trial("trips", None, 0.5), "tripped: high_level 1"),
         (trial("tight", 1.0, 0.5, robustness=Robustness(1.5, 0.0, 3.0, 0.9, (), 0.2)), "gain margin 1.5"),
         (trial("late", 1.0, 0.5, robustness=Robustness(9.0, 0.0, 0.4, 0.9, (), 0.2)), "delay margin 0.4 s"),
-        (trial("frail", 1.0, 0.5, robustness=Robustness(9.0, 0.0, 3.0, 0.9, (), 0.05)), "10% off"),
+        (trial("frail", 1.0, 0.5, robustness=Robustness(9.0, 0.0, 3.0, 0.9, (), 0.05)), "10 % off"),
         (
             trial("fragile", 1.0, 0.5, robustness=Robustness(9.0, 0.0, 3.0, 0.9, ("both -60 %",), 0.2)),
             "not stable after both -60 % with gains kept",
@@ -196,3 +198,22 @@ def test_a_scenario_without_the_windows_is_refused(tmp_path: Path) -> None:
     (tmp_path / "short.toml").write_text(SHORT)
     with pytest.raises(SettingsError, match="has no window rest, step"):
         tuning_run.prepare_tuning(TuneOptions(scenario=tmp_path / "short.toml", processes=1))
+
+
+def test_the_names_beside_the_points_of_a_figure_do_not_overlap() -> None:
+    """Names of candidates with nearly the same noise were once printed over each other."""
+    axes = Figure().subplots()
+    axes.set_xlim(0.0, 60.0)
+    axes.set_ylim(0.0, 1.2)
+    points = [(9.6, 1.16), (12.1, 0.89), (11.6, 0.72), (14.8, 0.71), (15.1, 0.71), (23.9, 0.70), (30.2, 0.70)]
+    named = [
+        (f"poles x {number}", *point) for number, point in zip(("0.5", "0.63", "0.78", "0.98"), points, strict=False)
+    ]
+    spots = _spots(axes, named, points)
+    width, height = PLOT_PT
+    boxes = [
+        (left := x / 60.0 * width + dx, low := y / 1.2 * height + dy, left + LETTER_PT * len(name), low + 8.0)
+        for (name, x, y), (dx, dy) in zip(named, spots, strict=True)
+    ]
+    assert not any(_overlap(one, other) for one, other in combinations(boxes, 2))
+    assert all(low > 0.0 and right < width for _, low, right, _ in boxes)

@@ -37,6 +37,15 @@ BAD_SCENARIOS = {
     "number for text": ("[scenario]\nname = 5\nduration_s = 5.0", "scenario.name = 5"),
     "truth value for a number": ("[rig]\npumps.lag_s = true", "pumps.lag_s = True"),
     "missing key": ("[scenario]\nname = 'x'", "missing: scenario.duration_s"),
+    "misspelt key": (
+        "[scenario]\nname = 'x'\nduration = 5.0",
+        "missing: scenario.duration_s; unknown key: scenario.duration",
+    ),
+    "fault without its value": (
+        "[[fault]]\nat_s = 1.0\nkind = 'pump_effectiveness'\ntarget = 1",
+        "fault[0].value: ",
+        "is missing",
+    ),
     "short list": ("[rig]\ncontrol.operating_point_V = [3.0]", "control.operating_point_V"),
     "swapped pump range": ("[rig]\npumps.range_V = [10.0, 0.0]", "pumps.range_V = [10.0, 0.0]", "lower limit 10"),
     "swapped sensor range": ("[rig]\nsensors.range_V = [10.24, 1.0]", "sensors.range_V", "lower limit 10.24"),
@@ -406,6 +415,37 @@ def test_a_bit_rate_that_the_adapter_does_not_know_is_named(command_line: Comman
         channel = f"socket://127.0.0.1:{server.getsockname()[1]}"
         result = command_line("hil", "run", before, "-i", "slcan", "-c", channel, "-b", 123_456)
     assert_refused(result, channel, "123456", "500000")
+
+
+@pytest.mark.parametrize(
+    ("channel", "words"),
+    [
+        ("socket://127.0.0.1", "socket://HOST:PORT"),
+        ("socket://127.0.0.1:x", "socket://HOST:PORT"),
+        ("can0", "-i socketcan"),
+        ("/dev/null", "no serial device"),
+    ],
+)
+def test_a_channel_that_slcan_can_not_have_is_explained(
+    command_line: CommandLine, before: Path, channel: str, words: str
+) -> None:
+    """A missing port once gave: '<=' not supported between instances of 'int' and 'NoneType'."""
+    before.write_text(scenario_text())
+    assert_refused(command_line("hil", "run", before, "-i", "slcan", "-c", channel), channel, words)
+
+
+def test_an_option_out_of_range_is_named_with_value_and_range(command_line: CommandLine, before: Path) -> None:
+    """The message once was the library's, with neither the value nor the other limit."""
+    before.write_text(scenario_text())
+    result = command_line("hil", "run", before, "-b", 1)
+    assert_refused(result, "--bitrate", ": 1:", "at least 10000 and at most 1000000")
+    assert_refused(command_line("hil", "simulate", before, "--duration", -5), "--duration", "-5", "at least 0")
+
+
+def test_an_unknown_scenario_of_the_emulator_is_answered_by_the_shipped_names(command_line: CommandLine) -> None:
+    """It once said only that a file can't be read."""
+    result = command_line("firmware-sim", "--slcan", 0, "--scenario", "pumploss")
+    assert_refused(result, "pumploss", "pump_loss", "paper_glr")
 
 
 def test_a_kernel_without_socketcan_is_named(command_line: CommandLine, before: Path) -> None:

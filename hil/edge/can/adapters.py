@@ -110,7 +110,9 @@ ADAPTERS: dict[str, Adapter] = {
         open=_open_slcan,
         hints={
             errno.EACCES: "add your user to the group that owns the device (dialout) and log in again",
-            errno.ENOENT: "is the adapter plugged in? /dev/serial/by-id lists serial devices",
+            errno.ENOENT: "is the adapter plugged in? /dev/serial/by-id lists serial devices; "
+            "can0 and other CAN interfaces of the kernel need -i socketcan",
+            errno.ENOTTY: "it is no serial device; /dev/serial/by-id lists them",
             errno.EAGAIN: "stop the other program that uses the device",
             errno.EBUSY: "stop the other program that uses the device",
             errno.ECONNREFUSED: "no program listens on this TCP port; start it first (firmware-sim --slcan PORT)",

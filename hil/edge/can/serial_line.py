@@ -12,6 +12,7 @@ import os
 import select
 import socket
 import termios
+from urllib.parse import urlsplit
 
 import serial
 
@@ -25,13 +26,14 @@ class SerialLine:
     def __init__(self, channel: str) -> None:
         """A device is /dev/ttyACM0, or /dev/ttyUSB0@57600 where its baud rate is not 115200."""
         url, baud = _split(channel)
+        _check_port(url)
         try:
             self._port = serial.serial_for_url(url, baudrate=baud, timeout=0, exclusive=True)
         except (termios.error, ValueError) as error:
             raise OSError(errno.EINVAL, f"not a serial line: {error}") from None
         except serial.SerialException as error:
-            if error.errno is None and isinstance(error.__context__, OSError):
-                error.errno = error.__context__.errno  # pyserial leaves it out for a TCP port
+            if error.errno is None and isinstance(error.__context__, (OSError, termios.error)):
+                error.errno = error.__context__.args[0]  # pyserial leaves it out for a TCP port and for a device
             raise
         try:
             self._fd: int = self._port.fileno()
@@ -80,6 +82,18 @@ def _send_at_once(fd: int) -> None:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     finally:
         connection.detach()
+
+
+def _check_port(url: str) -> None:
+    """Refuse a TCP address without a port, for which pyserial has no message of its own. Raises OSError."""
+    if not url.startswith("socket://"):
+        return
+    try:
+        port = urlsplit(url).port
+    except ValueError:
+        port = None
+    if not port:
+        raise OSError(errno.EINVAL, "the TCP port must be a number from 1 to 65535: socket://HOST:PORT")
 
 
 def _split(channel: str) -> tuple[str, int]:

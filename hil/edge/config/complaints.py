@@ -26,15 +26,17 @@ Location = tuple[int | str, ...]
 def complaint(model: type[BaseModel], error: ValidationError) -> str:
     """The first thing at fault as one line: "key = value: what is allowed", or "missing: " with all missing keys.
 
-    Further keys at fault are counted.
+    Unknown keys, which may be meant for missing ones, are named with these. Further keys at fault are counted.
     """
     details = error.errors(include_url=False)
     missing = [_key(detail["loc"]) for detail in details if _is_missing(detail)]
     if _is_missing(details[0]):
         rest = f" and {len(missing) - MAX_NAMED} more" if missing[MAX_NAMED:] else ""
         named = ", ".join(missing[:MAX_NAMED]) + rest
-        others = len({_place(model, detail)[0] for detail in details if not _is_missing(detail)})
-        return f"missing: {named}" + (f" (and {others} more to correct)" if others else "")
+        unknown = [_key(detail["loc"]) for detail in details if detail["type"] == "extra_forbidden"]
+        others = len({_place(model, detail)[0] for detail in details if not _is_missing(detail)}) - len(unknown)
+        misspelt = f"; unknown key: {', '.join(unknown[:MAX_NAMED])}" if unknown else ""
+        return f"missing: {named}{misspelt}" + (f" (and {others} more to correct)" if others > 0 else "")
     place, kind = _place(model, details[0])
     value, said = _value(details[0]), _words(details[0], kind)
     subject = f"{_key(place)}{value}: " if place else ""
@@ -49,7 +51,7 @@ def _is_missing(detail: ErrorDetails) -> bool:
 
 
 def _value(detail: ErrorDetails) -> str:
-    if isinstance(detail["input"], dict):
+    if isinstance(detail["input"], dict) or detail["input"] is None:  # a file has no None: the key is not there
         return ""
     shown = repr(_as_list(detail["input"]))
     return f" = {shown if len(shown) <= MAX_SHOWN else shown[:MAX_SHOWN] + ' ...'}"

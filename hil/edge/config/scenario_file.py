@@ -115,7 +115,7 @@ class Fault(Section):
     @classmethod
     def _is_a_share(cls, value: float | None, info: ValidationInfo) -> float | None:
         if info.data.get("kind") is FaultKind.PUMP_EFFECTIVENESS and (value is None or not 0.0 <= value <= 1.0):
-            raise ValueError("must lie in 0..1")
+            raise ValueError("is missing; it must lie in 0..1" if value is None else "must lie in 0..1")
         return value
 
     @model_validator(mode="after")
