@@ -50,7 +50,7 @@ def words_of_help(command: Any) -> set[str]:
     return {word for text in texts for word in text.split()}
 
 
-@pytest.mark.parametrize("columns", [60, 79, 80, 100])
+@pytest.mark.parametrize("columns", [60, 80, *(pytest.param(wide, marks=pytest.mark.long) for wide in (79, 100))])
 @pytest.mark.parametrize("name", ["hil", *(f"hil {name}" for name in NAMES), "firmware-sim"])
 def test_help_is_whole_in_a_narrow_terminal(
     name: str, columns: int, command_line: CommandLine, monkeypatch: pytest.MonkeyPatch

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tests import fork_server
+from tests.cli.cli_bench import CommandLine
 
 SCENARIO = Path(__file__).resolve().parents[2] / "config/scenarios/steps.toml"
 
@@ -18,10 +18,12 @@ SCENARIO = Path(__file__).resolve().parents[2] / "config/scenarios/steps.toml"
         (("--realtime", "--cpu", "4096"), "hil: --cpu 4096 is not one of this process's processors: "),
     ],
 )
-def test_a_bad_request_is_one_line_and_makes_no_folder(tmp_path: Path, options: tuple[str, ...], says: str) -> None:
+def test_a_bad_request_is_one_line_and_makes_no_folder(
+    command_line: CommandLine, tmp_path: Path, options: tuple[str, ...], says: str
+) -> None:
     out = tmp_path / "run"
-    done = fork_server.run(["hil", "run", SCENARIO, "-i", "virtual", "-c", "x", "--out", out, *options])
-    assert done.returncode == 2
-    assert done.stderr.startswith(says)
-    assert done.stderr.count("\n") == 1
+    result = command_line("hil", "run", SCENARIO, "-i", "virtual", "-c", "x", "--out", out, *options)
+    assert result.code == 2
+    assert result.err.startswith(says)
+    assert result.err.count("\n") == 1
     assert not out.exists()

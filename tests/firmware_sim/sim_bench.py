@@ -1,12 +1,18 @@
 """Helpers of the emulator's tests: paths, settings with changed keys, command frames."""
 
+import io
 import struct
+import subprocess
+import sys
 import tomllib
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
+import pytest
 from can import Message
 
+from firmware_sim import cli
 from firmware_sim.frames import COMMAND_ID, sealed
 from firmware_sim.settings import EmulatorSettings, load
 
@@ -15,6 +21,18 @@ CONFIG = ROOT / "config"
 GOLDEN = tomllib.loads((ROOT / "tests/golden/frames.toml").read_text())["frame"]
 MS = 1_000_000
 SECOND = 1_000_000_000
+
+
+def run_emulator(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    """The command, called in this process as its console script does."""
+    words, out, err = ["firmware-sim", *map(str, arguments)], io.StringIO(), io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+        patch.setattr(sys, "argv", words)
+        with pytest.raises(SystemExit) as ending:
+            cli.main()
+    code = ending.value.code
+    assert isinstance(code, int)
+    return subprocess.CompletedProcess(words, code, out.getvalue(), err.getvalue())
 
 
 def emulator(**tables: dict[str, Any]) -> EmulatorSettings:

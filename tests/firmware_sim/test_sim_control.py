@@ -11,9 +11,8 @@ from firmware_sim import cli, command_server
 from firmware_sim.command_server import LINE_MAX, CommandServer, Lines, listen_unix
 from firmware_sim.links import listen
 from firmware_sim.rig import Rig
-from tests import fork_server
 from tests.firmware_sim.fault_bench import rig_with
-from tests.firmware_sim.sim_bench import SECOND
+from tests.firmware_sim.sim_bench import SECOND, run_emulator
 from tests.narrowing import not_none
 
 
@@ -105,7 +104,7 @@ def test_a_control_address_that_can_not_be_had_is_a_usage_error(where: str) -> N
 
 @pytest.mark.parametrize("where", ["/nowhere/at/all", "99999"])
 def test_a_control_address_that_can_not_be_had_is_one_line(where: str) -> None:
-    done = fork_server.run(["firmware-sim", "--pty", "--control", where])
+    done = run_emulator("--pty", "--control", where)
     assert done.returncode == 2
     assert done.stderr.startswith(f"firmware-sim: --control {where}: ")
     assert done.stderr.count("\n") == 1

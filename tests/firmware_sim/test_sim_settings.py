@@ -18,8 +18,7 @@ from firmware_sim.settings import (
     load,
     load_fingerprint,
 )
-from tests import fork_server
-from tests.firmware_sim.sim_bench import CONFIG
+from tests.firmware_sim.sim_bench import CONFIG, run_emulator
 
 EMULATOR = (CONFIG / "emulator.toml").read_text()
 
@@ -166,10 +165,6 @@ def test_a_byte_order_mark_is_read_as_if_it_were_not_there(tmp_path: Path) -> No
 
 def test_config_directory_of_a_checkout_is_found() -> None:
     assert default_config_dir() == CONFIG
-
-
-def run_emulator(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    return fork_server.run(["firmware-sim", *arguments])
 
 
 def test_help_begins_with_an_example() -> None:
