@@ -46,7 +46,9 @@ def render(name: str, runs: Sequence[tuple[Contest, Row]], standings: Standings)
             own = sorted(standings.on(course), key=lambda one: one.rank.value)
             body = _named(texts.course_heads(), map(texts.course_line, own))
             figures = page.figure(course_ratios(own, looks), "Ratios", "to the best of this window") + page.figure(
-                error_and_noise(own, looks), "Error and noise", "down and to the left is better; dashed: nobody is"
+                error_and_noise(own, looks),
+                "Error and noise",
+                "down and to the left is better; dashed: none is better in both",
             )
             title = f"{course.name}, rig {course.rig}"
             parts.append(page.section(title, body + f'<div class="figures">{figures}</div>\n'))

@@ -6,6 +6,9 @@ from collections.abc import Iterable, Sequence
 from html import escape as escape
 from typing import Any
 
+WIDE_COLUMNS = 12
+"""From so many columns on a table has smaller letters, so that its last columns are on the page."""
+
 _CSS = """
 :root{color-scheme:light;--ink:#22303c;--soft:#5f6c78;--rule:#dfe4e8;--wash:#f5f7f9;--blue:#1f6fb2;--orange:#cc5a24;
 --green:#2f7d4f;--red:#b3261e}
@@ -31,6 +34,7 @@ dl.facts dt{color:var(--soft)}dl.facts dd{margin:0;font-variant-numeric:tabular-
 .scroll{overflow-x:auto}.named td:first-child{white-space:nowrap}
 table{border-collapse:collapse;width:100%;font-size:.93rem;font-variant-numeric:tabular-nums}
 th,td{text-align:left;padding:.34rem .7rem .34rem 0;border-bottom:1px solid var(--rule);vertical-align:top}
+table.wide{font-size:.8rem}.wide th,.wide td{padding-right:.5rem}
 th{color:var(--soft);font-weight:600;border-bottom-color:var(--ink)}
 .n{text-align:right}td.n{white-space:nowrap}.WARN{color:var(--orange);font-weight:600}.ERROR{color:var(--red);font-weight:600}
 .figures{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,470px),1fr));gap:1.4rem 1.8rem}
@@ -90,7 +94,8 @@ def table(
 ) -> str:
     """A table. numeric : columns set flush right. classes : for each row, the class of its second cell."""
     mark = ['class="n"' if column in numeric else "" for column in range(len(heads))]
-    parts = ['<div class="scroll"><table><thead><tr>']
+    wide = ' class="wide"' if len(heads) >= WIDE_COLUMNS else ""
+    parts = [f'<div class="scroll"><table{wide}><thead><tr>']
     parts += [f"<th {mark[column]}>{escape(head)}</th>" for column, head in enumerate(heads)]
     parts.append("</tr></thead><tbody>\n")
     for number, row in enumerate(rows):
