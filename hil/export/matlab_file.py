@@ -7,11 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from hil.edge.record.run_folder import RunFolderError
 from hil.export.export_tables import ExportColumn, ExportTable, RunTables, identifier
 from hil.export.frame_data import hex_texts
 
 VARIABLE = "record"
 """Name of the struct; `run` is a command of MATLAB."""
+
+MAX_FRAMES = 2_000_000
+"""Of four hours. Each text of a frame is a cell of its own, and the format takes no variable above 4 GB."""
 
 
 def write_mat(run: RunTables, out: Path) -> None:
@@ -21,6 +25,11 @@ def write_mat(run: RunTables, out: Path) -> None:
     """
     from scipy.io import savemat
 
+    if len(run.frames) > MAX_FRAMES:
+        raise RunFolderError(
+            f"{run.folder.path}: --to mat takes at most {MAX_FRAMES} frames, and the run has {len(run.frames)}: "
+            "use --to parquet, which MATLAB reads with parquetread"
+        )
     frames = run.frame_columns()
     data = (
         ExportColumn("data", run.frames.data, "", "bytes of the frame, zeros after its length"),

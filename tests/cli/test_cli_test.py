@@ -159,6 +159,13 @@ def test_without_a_path_the_scenarios_of_the_configuration_run(tmp_path: Path, c
         ("", "[[accept]]"),
         ('[[accept]]\nname = "it"\niae_V_s = 1.0\nwindow = "fall"\n', "fall"),
         ('[[accept]]\nname = "it"\n', "accept"),
+        ('[[accept]]\nname = "it"\ntrip = "high_levle"\n', "trip = 'high_levle': must be one of stale_levels"),
+        ('[[accept]]\nname = "it"\nlevel_max_cm = 1000.0\n', "level_max_cm = 1000: must be at most 20"),
+        ('[[accept]]\nname = "it"\ndetected_within_s = 2.0\n', "needs a [[fault]]"),
+        ('[[accept]]\nname = "it"\nnamed = ["leak 7"]\n', "must be leak and the number of the tank, from 1 to 4"),
+        ('[[accept]]\nname = "it"\nnamed = ["sensor_drfit 1"]\n', "is 'sensor_drift' meant?"),
+        ('[[accept]]\nname = "it"\nnamed = ["bus_off"]\n', "no alarm is named so"),
+        ('[[accept]]\nname = "it"\nfigure = "iae-Vs"\nmin = 0\n', "must be a path in kpi.json"),
         (GOOD + GOOD, "repeat"),
     ],
 )

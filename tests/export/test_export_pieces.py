@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from hil.edge.record.run_folder import RunFolder
-from hil.export import export_tables, mcap_chunks
+from hil.edge.record.run_folder import RunFolder, RunFolderError
+from hil.export import export_tables, matlab_file, mcap_chunks
 from hil.export.formats import export_run
 from hil.export.in_order import InOrder
 from hil.export.mcap_chunks import MessageRows
@@ -68,6 +68,15 @@ def test_parquet_in_pieces_has_the_same_rows(bench_run: RunFolder, at_once: Path
         pieces = pd.read_parquet(out / name)
         pd.testing.assert_frame_equal(pieces, whole, check_exact=True)
         assert pieces.attrs == whole.attrs
+
+
+def test_a_run_that_does_not_fit_into_a_file_of_matlab_is_refused(
+    bench_run: RunFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(matlab_file, "MAX_FRAMES", 100)
+    with pytest.raises(RunFolderError, match=r"--to mat takes at most 100 frames, .* use --to parquet"):
+        export_run(bench_run.path, "mat", tmp_path / "run.mat")
+    assert not list(tmp_path.iterdir())
 
 
 def rows(channel: int, *times_s: float) -> MessageRows:
