@@ -31,8 +31,7 @@ MAX_TEST_CPU_S, MAX_TEST_S, MAX_MUTANT_S = 90.0, 300.0, 1800.0
 
 OPTIONS = (
     "-x", "-q", "--tb=no", "--assert=plain", "--capture=no", "--no-header", "-W", "ignore",
-    *("-p", "no:cacheprovider"), *("-p", "no:xdist"), *("-p", "no:cov"), *("-p", "no:unraisableexception"),
-    *("-p", "no:fourtank_hil"),
+    *("-p", "no:cacheprovider"), *("-p", "no:unraisableexception"), *("-p", "_hypothesis_pytestplugin"),
     *("-m", "not live and not long and not socketcan"),
 )  # fmt: skip
 POLL_S = 0.005
@@ -165,6 +164,7 @@ def _judge(target: Target, mutant: Mutant, likely: Sequence[str], pipe: int) -> 
             _use_compiler_cache(cache)
         _forget(target)
         sys.meta_path.insert(0, _Changed(target, mutant.code))
+        os.environ["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"  # a search through all that is installed, for each mutant
         code = _run(target, likely, pipe) if likely else 0
         if code in (0, pytest.ExitCode.USAGE_ERROR):
             for tests in _in_turn(target.tests):
