@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
+    from firmware_sim.change_record import ChangeRecord
     from firmware_sim.command_server import CommandServer
     from firmware_sim.ports import Port
     from firmware_sim.rig import Rig
@@ -52,6 +53,25 @@ def _show_version(is_wanted: bool) -> None:
         raise typer.Exit
 
 
+RigChoice = Annotated[
+    str | None,
+    typer.Option(help="Be this rig: a rig file, or the name of a shipped one. Default: the rig of emulator.toml."),
+]
+ControlPlace = Annotated[
+    str | None, typer.Option(metavar="PATH|PORT", help="Accept failure commands here too: Unix socket or TCP port.")
+]
+FmuFile = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE.fmu", help="Write the plant, with faults as inputs, as an FMI 2.0 co-simulation unit."),
+]
+FaultList = Annotated[
+    bool, typer.Option("--faults", is_eager=True, callback=_list_faults, help="List the fault kinds and exit.")
+]
+VersionChoice = Annotated[
+    bool, typer.Option("--version", is_eager=True, callback=_show_version, help="Show the version and exit.")
+]
+
+
 @app.command(help=HELP)
 def serve(
     slcan: Annotated[int | None, typer.Option(min=0, max=65535, help="TCP port on 127.0.0.1; 0: a free one.")] = None,
@@ -60,32 +80,17 @@ def serve(
     channel: Annotated[str | None, typer.Option("-c", "--channel", help="Channel of the interface.")] = None,
     bitrate: Annotated[int | None, typer.Option("-b", "--bitrate", min=1, help="Bit rate in bit/s.")] = None,
     scenario: Annotated[str | None, typer.Option(help="Scenario: a file, or the name of a shipped one.")] = None,
-    rig: Annotated[
-        str | None,
-        typer.Option(help="Be this rig: a rig file, or the name of a shipped one. Default: the rig of emulator.toml."),
-    ] = None,
+    rig: RigChoice = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the sensor noise and of drawn parameters.")] = 0,
     record: Annotated[Path | None, typer.Option(help="New file for state and voltage changes (JSON lines).")] = None,
-    control: Annotated[
-        str | None, typer.Option(metavar="PATH|PORT", help="Accept failure commands here too: Unix socket or TCP port.")
-    ] = None,
-    fmu: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.fmu", help="Write the plant, with faults as inputs, as an FMI 2.0 co-simulation unit."
-        ),
-    ] = None,
+    control: ControlPlace = None,
+    fmu: FmuFile = None,
     config: Annotated[Path | None, typer.Option(help="Directory with bench.dbc and emulator.toml.")] = None,
-    faults: Annotated[
-        bool, typer.Option("--faults", is_eager=True, callback=_list_faults, help="List the fault kinds and exit.")
-    ] = False,
-    version: Annotated[
-        bool, typer.Option("--version", is_eager=True, callback=_show_version, help="Show the version and exit.")
-    ] = False,
+    faults: FaultList = False,
+    version: VersionChoice = False,
 ) -> None:
     """Emulate the four-tank rig: pump node, level node and tanks, in real time."""
     del faults, version
-    from firmware_sim.change_record import ChangeRecord
     from firmware_sim.rig import Rig
     from firmware_sim.rig_file import find_rig
     from firmware_sim.settings import default_config_dir, load, load_fingerprint
@@ -103,10 +108,7 @@ def serve(
         sys.stdout.write(export(fmu, settings, scheduled, seed))
         return
     fingerprint = load_fingerprint(folder / "bench.dbc")
-    try:
-        observer = None if record is None else ChangeRecord(record)
-    except OSError as error:
-        raise UsageError(f"--record {record}: {error.strerror}") from None
+    observer = None if record is None else _change_record(record)
     emulated = Rig(settings, scheduled, seed, fingerprint, observer)
     commands = _command_server(emulated, control)
     try:
@@ -129,6 +131,15 @@ def _check_transport(
         raise UsageError("-c and -b belong to -i")
     if interface is not None and channel is None:
         raise UsageError(f"-i {interface} needs a channel, -c")
+
+
+def _change_record(path: Path) -> "ChangeRecord":
+    from firmware_sim.change_record import ChangeRecord
+
+    try:
+        return ChangeRecord(path)
+    except OSError as error:
+        raise UsageError(f"--record {path}: {error.strerror}") from None
 
 
 def _scenario_file(folder: Path, scenario: str | None) -> Path | None:

@@ -115,11 +115,7 @@ class TcpPort:
 
     def send(self, frames: list[Message]) -> None:
         """Queue frames for the host and write as much as it accepts."""
-        if self._link is None:
-            return
-        for frame in frames:
-            self._link.send(frame)
-        if not self._link.flush():
+        if self._link is not None and not _is_sent(self._link, frames):
             self._drop_client()
 
     def close(self) -> None:
@@ -182,11 +178,7 @@ class PtyPort:
 
     def send(self, frames: list[Message]) -> None:
         """Queue frames for the host and write as much as it accepts."""
-        if self._link is None:
-            return
-        for frame in frames:
-            self._link.send(frame)
-        if not self._link.flush():
+        if self._link is not None and not _is_sent(self._link, frames):
             self._drop_host()
 
     def close(self) -> None:
@@ -202,3 +194,10 @@ class PtyPort:
         poll = select.poll()
         poll.register(self._master, 0)
         return any(events & select.POLLHUP for _, events in poll.poll(0))
+
+
+def _is_sent(link: SlcanLink, frames: list[Message]) -> bool:
+    """Queue frames and write as much as the host accepts; False if the host is gone."""
+    for frame in frames:
+        link.send(frame)
+    return link.flush()

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from hil.edge.can.bus import BusError
     from hil.edge.config.settings_file import SettingsError
     from hil.edge.host.realtime import RealTime, RealTimeError
-    from hil.edge.record.run_folder import RunFolderError
+    from hil.edge.record.record_errors import RunFolderError
     from hil.review.alarms import Finding
     from hil.review.kpi import Kpi
     from hil.review.ticks import LoggedEvent
@@ -120,7 +120,7 @@ _HOME = {
     "hil.edge.can.bus": ("BusError",),
     "hil.edge.config.settings_file": ("SettingsError",),
     "hil.edge.host.realtime": ("RealTime", "RealTimeError"),
-    "hil.edge.record.run_folder": ("RunFolderError",),
+    "hil.edge.record.record_errors": ("RunFolderError",),
     "hil.review.alarms": ("Finding",),
     "hil.review.kpi": ("Kpi",),
     "hil.review.ticks": ("LoggedEvent",),

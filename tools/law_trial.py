@@ -4,7 +4,7 @@ The tanks are eq. (1) once more, written for this module, so that an error of th
 Pump lag and drawn parameters; readings every 20 ms with noise and 12 bit, of which a step gets the mean; commands
 within range and rate; faults reported by a perfect diagnosis some time later.
 
-    python -m tools.law_trial       the table of docs/reference/laws.md
+    python -m tools.law_table       the table of docs/reference/laws.md
 """
 
 from __future__ import annotations
@@ -192,21 +192,26 @@ def run(
             memory = law.start(inputs)
         memory, request = law.step(memory, inputs)
         wanted, before = request.drive_V, given
-        authority = Authority.LAW
-        if trial.manual is not None and trial.manual[0] <= t_s < trial.manual[1]:
-            authority, given = Authority.OPERATOR, trial.manual[2]
-        else:
-            given = _allowed(wanted, before)
+        authority, given = _given(trial, t_s, wanted, before)
         rows.append((t_s, *levels, *wanted, *given, *inputs.reference_V, *request.target_V))
         shown.append(dict(request.shown))
         noise = (trial.noise_V * rng.standard_normal((round(PERIOD_S / READING_S), 4))).tolist()
         level_V = _moved(levels, pump_V, given, truth, References(trial.faults).at(t_s), noise, trial.lag_s)
-    table = np.array(rows)
-    return Course(
-        table[:, 0], table[:, 1:5], table[:, 5:7], table[:, 7:9], table[:, 9:11], table[:, 11:13], tuple(shown),
-        tuple(alarms),
-        known.level_gain_V_cm,
-    )  # fmt: skip
+    return _course(rows, shown, alarms, known.level_gain_V_cm)
+
+
+def _course(rows: list[tuple[float, ...]], shown: list[dict[str, float]], alarms: list[Alarm], gain: float) -> Course:
+    """Rows : of a step: time, levels, drives that were wanted and given, references, target."""
+    t_s, level_cm, *pairs = np.split(np.array(rows), (1, 5, 7, 9, 11), axis=1)
+    wanted_V, given_V, reference_V, target_V = pairs
+    return Course(t_s[:, 0], level_cm, wanted_V, given_V, reference_V, target_V, tuple(shown), tuple(alarms), gain)
+
+
+def _given(trial: Trial, t_s: float, wanted: Pair, before: Pair) -> tuple[Authority, Pair]:
+    """Who decides the command, and the command."""
+    if trial.manual is not None and trial.manual[0] <= t_s < trial.manual[1]:
+        return Authority.OPERATOR, trial.manual[2]
+    return Authority.LAW, _allowed(wanted, before)
 
 
 def _allowed(wanted: Pair, before: Pair) -> Pair:

@@ -17,7 +17,8 @@ from hil.edge.can.bus import BusAddress
 from hil.edge.config.accept_table import AcceptTable
 from hil.edge.config.settings_file import SettingsError, default_config_dir, of_all
 from hil.edge.config.shipped import SCENARIOS, find_scenario
-from hil.edge.record.run_folder import IncompleteRecordError, RunFolder, RunFolderError
+from hil.edge.record.record_errors import IncompleteRecordError, RunFolderError
+from hil.edge.record.run_folder import RunFolder
 from hil.review.acceptance import verdicts
 from hil.review.alarms import injected
 from hil.review.judged_scenario import JudgedScenario

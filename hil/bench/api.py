@@ -13,6 +13,7 @@ from pathlib import Path
 
 from hil.bench import assembly, campaign_run
 from hil.bench.assembly import Bench, Watcher
+from hil.bench.bus_choice import chosen_bus
 from hil.bench.campaign_run import CampaignOptions
 from hil.bench.design_figures import DesignFigures, design_figures
 from hil.bench.results import CampaignResult, RunResult, result_of_folder
@@ -21,10 +22,9 @@ from hil.campaigns.row import Row
 from hil.core.control_law import ControlLaw
 from hil.core.diagnosis.detector import FaultDetector
 from hil.core.gain_design import GainDesign
-from hil.edge.can.bus import BusAddress
 from hil.edge.config.rig_file import load_rig
-from hil.edge.config.settings_file import MAX_DURATION_S, SettingsError, default_config_dir
-from hil.edge.config.shipped import find_rig
+from hil.edge.config.settings_file import MAX_DURATION_S, SettingsError
+from hil.edge.config.shipped import rig_file_in_use
 from hil.edge.host.realtime import RealTime
 
 StrPath = str | Path
@@ -214,8 +214,7 @@ def run(
     from hil.bench.live_run import run_live
 
     bench = _bench(scenario, rig, config, design, detector, law)
-    bus = bench.rig.bus
-    address = BusAddress(interface or bus.interface, channel or bus.channel, bitrate or bus.bitrate)
+    address = chosen_bus(bench.rig, interface, channel, bitrate)
     folder = Path(out)
     options = RunOptions(folder, duration_s=duration_s, rerun=rerun, clear_trip=clear_trip, realtime=realtime)
     kpi, _ = run_live(bench, options, address, on_tick)
@@ -328,8 +327,7 @@ def design(
     ((2, 6), True)
 
     """
-    config_dir = _path(config)
-    path = (config_dir or default_config_dir()) / "rig.toml" if rig is None else find_rig(rig, config_dir)
+    path = rig_file_in_use(rig, _path(config))
     return design_figures(load_rig(path), design, str(path))
 
 

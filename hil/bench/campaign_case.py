@@ -30,7 +30,8 @@ from hil.edge.can.pair_bus import pair
 from hil.edge.config.rig_file import load_rig
 from hil.edge.config.scenario_file import Scenario
 from hil.edge.config.settings_file import SettingsError, validated
-from hil.edge.record.run_folder import Window, write_atomically
+from hil.edge.record.file_writing import write_atomically
+from hil.edge.record.manifest import Window
 from hil.wire.contract import Contract
 
 MAX_V = 10.0

@@ -18,7 +18,9 @@ from typing import Any
 from hil.bench import ruler
 from hil.core.experiment import Phase
 from hil.core.experiment_plan import RULER
-from hil.edge.record.run_folder import RunFolder, RunFolderError, write_atomically
+from hil.edge.record.file_writing import write_atomically
+from hil.edge.record.record_errors import RunFolderError
+from hil.edge.record.run_folder import RunFolder
 
 FORMAT = 1
 PHASES = "phases"

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 from firmware_sim.ports import BusPort as EmulatorPort
 from firmware_sim.rig import Rig as Emulator
 from hil import lockstep, runtime
-from hil.bench.assembly import safety_limits
+from hil.bench.core_settings import safety_limits
 from hil.bench.experiment_folder import ExperimentFolder
 from hil.bench.open_record import TimelineSettings, open_record
 from hil.bench.ruler import Ruler, RulerWatch
@@ -32,8 +32,9 @@ from hil.edge.can.pair_bus import pair
 from hil.edge.config.rig_file import Rig
 from hil.edge.config.settings_file import read_text
 from hil.edge.host.clock import MonotonicClock, StopSignal
-from hil.edge.record.recorder_process import ProcessRecorder
-from hil.edge.record.run_folder import RunFolder, RunPlan
+from hil.edge.record.manifest import RunPlan
+from hil.edge.record.process_recorder import ProcessRecorder
+from hil.edge.record.run_folder import RunFolder
 from hil.loop import ControlLoop, Outcome
 from hil.review.ticks import read_events
 from hil.wire.contract import Contract

@@ -19,7 +19,7 @@ from hil.edge.config.identified_rig import IdentifiedRig, identified_rig
 from hil.edge.config.rig_file import Rig, load_rig
 from hil.edge.config.rig_file_writer import read_rig_text, replace_rig_file
 from hil.edge.config.settings_file import SettingsError
-from hil.edge.record.run_folder import write_atomically, writing
+from hil.edge.record.file_writing import write_atomically, writing
 from hil.review.identification_json import as_json
 from hil.review.identification_recording import card_text, write_recording
 from hil.review.identification_report import ReportFacts, render

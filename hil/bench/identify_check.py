@@ -14,7 +14,9 @@ import numpy as np
 from hil.core.identification.drift import ALL_CHECKED, Drift, Moved, rate_per_hour
 from hil.edge.config.rig_file import Rig, load_rig
 from hil.edge.config.settings_file import SettingsError, validated
-from hil.edge.record.run_folder import Manifest, RunFolder, RunFolderError
+from hil.edge.record.manifest import Manifest
+from hil.edge.record.record_errors import RunFolderError
+from hil.edge.record.run_folder import RunFolder
 from hil.review.parameter_drift import SECONDS_PER_H, drift_from
 from hil.review.ticks import read
 

@@ -17,8 +17,9 @@ from hil.core.tanks import TankModel
 from hil.core.types import Quad
 from hil.edge.config.rig_file import Rig, load_rig
 from hil.edge.config.settings_file import SettingsError, default_config_dir, of_all, read_toml
-from hil.edge.config.shipped import find_rig, find_scenario
-from hil.edge.record.run_folder import RunFolder, RunFolderError
+from hil.edge.config.shipped import find_rig, find_scenario, rig_file_in_use
+from hil.edge.record.record_errors import RunFolderError
+from hil.edge.record.run_folder import RunFolder
 from hil.review.level_records import record_of_folder
 
 EMPTY_CM: Quad = (0.0, 0.0, 0.0, 0.0)
@@ -27,8 +28,7 @@ EMPTY_CM: Quad = (0.0, 0.0, 0.0, 0.0)
 def load_bench(rig: str | None, config_dir: Path | None) -> ExperimentBench:
     """The rig of an experiment. Raises SettingsError."""
     config = config_dir or default_config_dir()
-    path = config / "rig.toml" if rig is None else find_rig(rig, config_dir)
-    dbc = config / "bench.dbc"
+    path, dbc = rig_file_in_use(rig, config_dir), config / "bench.dbc"
     return ExperimentBench(load_rig(path), load_contract(dbc), path, (path, dbc))
 
 

@@ -10,11 +10,12 @@ from math import isfinite
 
 from hil import runtime
 from hil.bench import live_picture
-from hil.bench.assembly import Bench, Watcher, controller_config, make_loop, run_plan
+from hil.bench.assembly import Bench, Watcher, controller_config, make_loop
 from hil.bench.control_settings import open_channel
 from hil.bench.live_warnings import live_warnings
 from hil.bench.open_record import open_record
 from hil.bench.run_options import RunOptions, timeline_settings
+from hil.bench.run_plan import run_plan
 from hil.bench.run_record import RunRecord, figures_of, removed_if_not_opened
 from hil.core.types import Event, Severity
 from hil.edge.can.bus import BusAddress, BusPort
@@ -22,7 +23,7 @@ from hil.edge.control.control_channel import ControlChannel
 from hil.edge.host import realtime
 from hil.edge.host.clock import MonotonicClock, StopSignal
 from hil.edge.host.realtime import RealTime
-from hil.edge.record.recorder_process import ProcessRecorder
+from hil.edge.record.process_recorder import ProcessRecorder
 from hil.edge.record.run_folder import RunFolder
 from hil.loop import Outcome
 from hil.review.kpi import Kpi

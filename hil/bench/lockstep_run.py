@@ -8,10 +8,11 @@ from contextlib import ExitStack
 from firmware_sim.ports import BusPort as EmulatorPort
 from hil import lockstep
 from hil.bench import live_picture
-from hil.bench.assembly import Bench, controller_config, make_loop, run_plan
+from hil.bench.assembly import Bench, controller_config, make_loop
 from hil.bench.emulator_twin import emulator_of
 from hil.bench.open_record import open_record
 from hil.bench.run_options import RunOptions, check_length, timeline_settings
+from hil.bench.run_plan import run_plan
 from hil.bench.run_record import RunRecord, figures_of, removed_if_not_opened
 from hil.edge.can.bus import BusPort
 from hil.edge.can.pair_bus import pair

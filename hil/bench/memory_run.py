@@ -10,16 +10,17 @@ from typing import Any
 
 from firmware_sim.ports import BusPort as EmulatorPort
 from hil import lockstep
-from hil.bench.assembly import Bench, controller_config, make_loop, run_plan
+from hil.bench.assembly import Bench, controller_config, make_loop
 from hil.bench.emulator_twin import emulator_of
 from hil.bench.results import RunResult
 from hil.bench.run_options import check_length
+from hil.bench.run_plan import run_plan
 from hil.bench.run_record import RunRecord
 from hil.core.types import Event, Quad, TickRecord
 from hil.edge.can.bus import BusPort
 from hil.edge.can.pair_bus import pair
+from hil.edge.record.manifest import Manifest, Status, versions
 from hil.edge.record.record_format import TickFormat, event_line
-from hil.edge.record.run_folder import Manifest, Status, versions
 from hil.edge.record.signals import UNKNOWN_LEVELS, Step, recorded
 from hil.review.kpi import evaluate, with_parameters
 from hil.review.ticks import parse_events, parse_ticks

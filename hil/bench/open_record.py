@@ -12,8 +12,9 @@ from queue import SimpleQueue
 from hil.core.types import Event
 from hil.edge.host.standard_output import GuardedOutput
 from hil.edge.record.picture_model import PictureModel
+from hil.edge.record.record_errors import RunFolderError
 from hil.edge.record.recorder import Recorder, Timeline
-from hil.edge.record.run_folder import RunFolder, RunFolderError
+from hil.edge.record.run_folder import RunFolder
 
 MAX_WAITING_LINES = 1000
 """Lines."""

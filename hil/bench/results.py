@@ -11,7 +11,8 @@ from typing import Any
 from hil.campaigns.row import Row
 from hil.campaigns.statistics import FaultClass, fault_classes
 from hil.core.counted import counted
-from hil.edge.record.run_folder import Manifest, RunFolder
+from hil.edge.record.manifest import Manifest
+from hil.edge.record.run_folder import RunFolder
 from hil.review.alarms import Finding
 from hil.review.kpi import Kpi
 from hil.review.ticks import Floats, LoggedEvent, Ticks, read

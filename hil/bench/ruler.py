@@ -16,7 +16,7 @@ from hil.core.controller import Output
 from hil.core.identification.records import RulerReading
 from hil.core.types import Event, Inputs, Mode, Quad
 from hil.edge.config.settings_file import SettingsError, read_text
-from hil.edge.record.run_folder import writing
+from hil.edge.record.file_writing import writing
 
 FILE = "ruler.csv"
 EVENT = "ruler"

@@ -24,9 +24,11 @@ from hil.core.counted import counted
 from hil.core.types import Event, Severity
 from hil.edge.can.bus import BusPort
 from hil.edge.host.clock import StopSignal
+from hil.edge.record.manifest import Status
+from hil.edge.record.process_recorder import ProcessRecorder
+from hil.edge.record.record_errors import IncompleteRecordError, RunFolderError
 from hil.edge.record.recorder import Recorder as FileRecorder
-from hil.edge.record.recorder_process import ProcessRecorder
-from hil.edge.record.run_folder import IncompleteRecordError, RunFolder, RunFolderError, Status
+from hil.edge.record.run_folder import RunFolder
 from hil.loop import Outcome, Recorder
 from hil.review import kpi
 from hil.review.kpi import Kpi

@@ -32,7 +32,7 @@ from hil.edge.config.rig_file_writer import read_rig_text, replace_rig_file, rig
 from hil.edge.config.scenario_file import load_scenario
 from hil.edge.config.settings_file import SettingsError, default_config_dir, validated
 from hil.edge.config.shipped import find_rig, find_scenario
-from hil.edge.record.run_folder import write_atomically
+from hil.edge.record.file_writing import write_atomically
 
 SCENARIO = "tuning"
 STEP, LOSS, REST = "step", "loss", "rest"

@@ -11,7 +11,8 @@ from scipy.linalg import expm
 from hil.core import feedforward
 from hil.core.eigenstructure import augment
 from hil.core.feedforward import PathLimits
-from hil.core.tanks import Array, LinearModel, TankModel, equilibrium, linearise, nearest_reachable
+from hil.core.reachable import nearest_reachable
+from hil.core.tanks import Array, LinearModel, TankModel, equilibrium, linearise
 from hil.core.types import Pair
 from hil.core.zero_bounds import ZeroBound, zero_bound
 from hil.edge.config.rig_file import Rig

@@ -20,7 +20,7 @@ from hil.campaigns.contests import Contest
 from hil.campaigns.row import Row
 from hil.campaigns.standing import Standings
 from hil.campaigns.standings import figures_of, how_it_ended
-from hil.edge.record.run_folder import write_atomically
+from hil.edge.record.file_writing import write_atomically
 
 
 def write_files(folder: Path, name: str, runs: Sequence[tuple[Contest, Row]], standings: Standings) -> tuple[Path, ...]:

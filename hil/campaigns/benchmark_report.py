@@ -11,7 +11,7 @@ from hil.campaigns.contests import Contest
 from hil.campaigns.row import Row
 from hil.campaigns.standing import Standings
 from hil.campaigns.standings import NOISE_TOLERANCE, how_it_ended
-from hil.edge.record.run_folder import write_atomically
+from hil.edge.record.file_writing import write_atomically
 from hil.review import page
 from hil.review.run_figures import style
 

@@ -12,7 +12,7 @@ from hil.campaigns.row import INVARIANTS, Row
 from hil.campaigns.statistics import FaultClass
 from hil.campaigns.store import Store
 from hil.core.counted import counted
-from hil.edge.record.run_folder import write_atomically
+from hil.edge.record.file_writing import write_atomically
 from hil.review import page
 from hil.review.run_figures import style
 

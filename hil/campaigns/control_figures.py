@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.campaigns.observer import Observations
-from hil.edge.record.run_folder import Window
+from hil.edge.record.manifest import Window
 from hil.review.step_response import TIME_TOLERANCE_S, step_responses
 
 Floats = npt.NDArray[np.float64]

@@ -16,11 +16,11 @@ from hil.campaigns.observer import Observations, ran_dry, rate_broken
 from hil.campaigns.rig_draw import is_honest
 from hil.campaigns.row import CRASHED, Elapsed, Row
 from hil.core.types import NAMELESS, UNRESOLVED, Pair, Quad
-from hil.edge.record.run_folder import Window
+from hil.edge.record.manifest import Window
 from hil.loop import Outcome as Ending
 from hil.review.alarm_load import alarm_load
 from hil.review.alarms import Finding, Injected, Judgement, injected, judge, merged
-from hil.review.kpi import absolute_error_integral, after_fault_window, dry_run
+from hil.review.run_measures import absolute_error_integral, after_fault_window, dry_run
 from hil.review.ticks import LoggedEvent
 
 PUMP_LOSS = "pump_effectiveness"

@@ -19,8 +19,9 @@ from typing import Any, get_type_hints
 from hil.campaigns.cases import Case
 from hil.campaigns.row import Row
 from hil.campaigns.toml_text import toml_text
+from hil.edge.record.file_writing import write_atomically, writing
 from hil.edge.record.new_folder import NewFolder
-from hil.edge.record.run_folder import IncompleteRecordError, RunFolderError, write_atomically, writing
+from hil.edge.record.record_errors import IncompleteRecordError, RunFolderError
 
 ARROW_TYPES = {str: "string", int: "int64", float: "float64", bool: "bool_"}
 

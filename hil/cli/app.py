@@ -162,7 +162,7 @@ def _wrong_option(error: typer.TyperException) -> str:
 
 
 def _exit_code(error: Exception) -> int:
-    from hil.edge.record.run_folder import IncompleteRecordError
+    from hil.edge.record.record_errors import IncompleteRecordError
 
     if isinstance(error, IncompleteRecordError):
         return exit_codes.of_run(error.status, error.reason, is_incomplete=True)

@@ -28,12 +28,13 @@ from hil.edge.can.bus import BusPort
 from hil.edge.config.points_file import KnownLevel, load_points, points_csv
 from hil.edge.config.rig_file import Rig
 from hil.edge.config.rig_file_writer import read_rig_text, replace_rig_file
-from hil.edge.config.settings_file import default_config_dir, of_all
-from hil.edge.config.shipped import find_rig
+from hil.edge.config.settings_file import of_all
+from hil.edge.config.shipped import rig_file_in_use
 from hil.edge.host.clock import MonotonicClock, StopSignal
 from hil.edge.host.typed_lines import TypedLines
+from hil.edge.record.file_writing import write_atomically
 from hil.edge.record.new_folder import NewFolder
-from hil.edge.record.run_folder import RunFolderError, RunFolderExistsError, write_atomically
+from hil.edge.record.record_errors import RunFolderError, RunFolderExistsError
 from hil.probe.bus_probe import InterruptedByUserError, Probe, ProbeError
 
 
@@ -54,9 +55,7 @@ class CalibrateOptions:
     @property
     def rig_path(self) -> Path:
         """The rig file to be changed."""
-        if self.rig is not None:
-            return find_rig(self.rig, self.config_dir)
-        return (self.config_dir or default_config_dir()) / "rig.toml"
+        return rig_file_in_use(self.rig, self.config_dir)
 
 
 class Terminal:

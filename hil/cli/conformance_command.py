@@ -15,7 +15,7 @@ from hil.conformance.suite import Plan, conforms, run_suite
 from hil.edge.can.bus import BusAddress, BusPort
 from hil.edge.config.settings_file import SettingsError
 from hil.edge.host.clock import MonotonicClock, StopSignal
-from hil.edge.record.run_folder import write_atomically
+from hil.edge.record.file_writing import write_atomically
 from hil.probe.bus_probe import Probe
 from hil.probe.check_result import Result
 from hil.version import __version__

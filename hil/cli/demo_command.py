@@ -24,7 +24,8 @@ from hil.cli.demo_tables import GLR_DETECTOR, IDEAL_DETECTOR, NO_RECONFIGURATION
 from hil.edge.config.scenario_file import Scenario
 from hil.edge.config.settings_file import default_config_dir, merged, read_toml, validated
 from hil.edge.record.new_folder import NewFolder
-from hil.edge.record.run_folder import RunFolder, RunFolderError
+from hil.edge.record.record_errors import RunFolderError
+from hil.edge.record.run_folder import RunFolder
 from hil.review.kpi import Kpi
 from hil.review.run_report import write_report
 

@@ -24,9 +24,9 @@ from hil.core.eigenstructure import ComplexArray, augment
 from hil.core.tanks import LinearModel
 from hil.core.zero_bounds import zero_bound
 from hil.edge.config.rig_file import load_rig
-from hil.edge.config.settings_file import SettingsError, default_config_dir
-from hil.edge.config.shipped import find_rig
-from hil.edge.record.run_folder import write_atomically
+from hil.edge.config.settings_file import SettingsError
+from hil.edge.config.shipped import rig_file_in_use
+from hil.edge.record.file_writing import write_atomically
 
 
 def run(console: Console, config_dir: Path | None, out: Path | None, rig_name: str | Path | None = None) -> None:
@@ -35,8 +35,7 @@ def run(console: Console, config_dir: Path | None, out: Path | None, rig_name: s
     A design that this rig can't have, or that does not load, is named with the reason; the others are shown.
     rig_name : path or shipped name of a rig; None: the configuration's.
     """
-    default = (config_dir or default_config_dir()) / "rig.toml"
-    rig_path = default if rig_name is None else find_rig(rig_name, config_dir)
+    rig_path = rig_file_in_use(rig_name, config_dir)
     rig = load_rig(rig_path)
     process = process_figures(rig)
     _show_process(console, process)

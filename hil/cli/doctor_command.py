@@ -11,6 +11,7 @@ from pathlib import Path
 from rich.console import Console
 
 from hil.bench import assembly
+from hil.bench.bus_choice import chosen_bus
 from hil.cli import result_table
 from hil.doctor.check_host import HostFacts, check_host
 from hil.doctor.check_link import LinkState, check_lines, check_link
@@ -19,7 +20,7 @@ from hil.edge.can import adapters
 from hil.edge.can.bus import BusAddress, BusError, BusPort
 from hil.edge.config.rig_file import Rig, load_rig
 from hil.edge.config.settings_file import default_config_dir, of_all
-from hil.edge.config.shipped import find_rig
+from hil.edge.config.shipped import rig_file_in_use
 from hil.edge.host import host_facts
 from hil.edge.host.clock import MonotonicClock, StopSignal
 from hil.probe.bus_probe import Probe
@@ -74,13 +75,9 @@ def run(console: Console, options: DoctorOptions, read_link: LinkReader = kernel
 def bench(options: DoctorOptions) -> tuple[Rig, Contract, BusAddress]:
     """Rig, contract and bus address; raises SettingsError, and BusError for an unknown interface."""
     config_dir = options.config_dir or default_config_dir()
-    rig = load_rig(config_dir / "rig.toml" if options.rig is None else find_rig(options.rig, options.config_dir))
+    rig = load_rig(rig_file_in_use(options.rig, options.config_dir))
     contract = assembly.load_contract(config_dir / "bench.dbc")
-    bus = rig.bus
-    address = BusAddress(
-        options.interface or bus.interface, options.channel or bus.channel, options.bitrate or bus.bitrate
-    )
-    return rig, contract, address
+    return rig, contract, chosen_bus(rig, options.interface, options.channel, options.bitrate)
 
 
 def examined(address: BusAddress, contract: Contract, wants: Expectations, options: DoctorOptions) -> list[Result]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import typer
 
 from hil.cli.complaint import interruptible
-from hil.edge.record.run_folder import RunFolderError
+from hil.edge.record.record_errors import RunFolderError
 from hil.export.formats import CANDUMP, compress_logs, export_run
 
 

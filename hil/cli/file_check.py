@@ -16,7 +16,7 @@ from hil.bench.identify_check import CHECK_FILE, TREND_FILE, Check, check_runs
 from hil.cli import exit_codes
 from hil.core.identification.drift import ALL_CHECKED, Drift
 from hil.edge.config.settings_file import SettingsError
-from hil.edge.record.run_folder import write_atomically
+from hil.edge.record.file_writing import write_atomically
 from hil.review.parameter_drift import has_moved, parameters_json, sentence
 from hil.review.trend_figure import trend_png
 

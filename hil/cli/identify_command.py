@@ -9,6 +9,7 @@ from pathlib import Path
 from rich.console import Console
 
 from hil.bench import identify_inputs, run_options
+from hil.bench.bus_choice import chosen_bus
 from hil.bench.experiment_folder import make_folder
 from hil.bench.experiment_run import (
     Aborted,
@@ -26,7 +27,6 @@ from hil.cli.terminal_ruler import TerminalRuler
 from hil.core.counted import counted
 from hil.core.experiment import Phase
 from hil.core.identification.identify import identify
-from hil.edge.can.bus import BusAddress
 from hil.edge.config.points_file import load_points
 from hil.edge.config.settings_file import SettingsError
 
@@ -106,10 +106,7 @@ def _stage(console: Console, bench: ExperimentBench, options: IdentifyOptions) -
         emulator = identify_inputs.emulator(options.truth, options.rig, options.config_dir, options.seed)
         ruler = given or EmulatedRuler(lambda: emulator.levels_cm, options.seed, options.reading_sd_cm)
         return EmulatedStage(emulator, options.seed, ruler if options.readings else None)
-    bus = bench.rig.bus
-    address = BusAddress(
-        options.interface or bus.interface, options.channel or bus.channel, options.bitrate or bus.bitrate
-    )
+    address = chosen_bus(bench.rig, options.interface, options.channel, options.bitrate)
     by_hand = TerminalRuler(console, sd_cm=options.reading_sd_cm) if options.readings and not given else None
     return LiveStage(address, given or by_hand)
 

@@ -25,6 +25,9 @@ Bitrate = Annotated[
     Optional[int],
     typer.Option("-b", "--bitrate", min=10_000, max=1_000_000, help="bit/s. Default: the rig file's."),
 ]
+ClearTrip = Annotated[
+    bool, typer.Option("--clear-trip", help="First clear a trip that the pump node still has from an earlier run.")
+]
 WithPumps = Annotated[bool, typer.Option("--with-pumps", help="Also move the pumps a little. Stay beside the rig.")]
 
 
@@ -91,3 +94,9 @@ LivePageChoice = Annotated[
 ]
 RerunChoice = Annotated[bool, typer.Option("--rerun/--no-rerun", help="Whether to write run.rrd.")]
 ReportChoice = Annotated[bool, typer.Option("--report/--no-report", help="Whether to write report.html.")]
+ManyProcesses = Annotated[
+    Optional[int], typer.Option(min=1, help="Runs beside each other. Default: one for each core; 1 needs no Dask.")
+]
+SchedulerAddress = Annotated[
+    Optional[str], typer.Option(metavar="ADDRESS", help="Scheduler of a Dask cluster: tcp://host:8786.")
+]

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from hil.cli import exit_codes
 from hil.cli.run_progress import progress
-from hil.edge.record.run_folder import write_atomically
+from hil.edge.record.file_writing import write_atomically
 from hil.replay.alarm_difference import in_words
 from hil.replay.reference_file import reference_path
 from hil.replay.replay_run import ReplayOptions, ReplayResult, replay

@@ -17,7 +17,7 @@ from rich.table import Table
 
 from hil.cli import exit_codes
 from hil.core.counted import counted
-from hil.edge.record.run_folder import RunFolderError
+from hil.edge.record.record_errors import RunFolderError
 from hil.run_index.index_file import index_of
 from hil.run_index.indexed_run import IndexedRun
 from hil.run_index.selection import SelectionError, chosen, ordered

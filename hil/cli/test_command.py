@@ -15,12 +15,13 @@ from rich.table import Table
 from hil.bench.acceptance_pool import judge_all
 from hil.bench.acceptance_run import NO_LIMITS, AcceptanceRun, judge_in_lockstep, scenario_files
 from hil.bench.assembly import Bench
+from hil.bench.bus_choice import chosen_bus
 from hil.cli import exit_codes
 from hil.cli.bench_test import on_bench
 from hil.cli.run_progress import run_progress
 from hil.edge.can.bus import BusAddress
 from hil.edge.config.settings_file import SettingsError
-from hil.edge.record.run_folder import write_to
+from hil.edge.record.file_writing import write_to
 from hil.review.judged_scenario import JudgedScenario, is_good, summary
 from hil.review.junit import junit_text
 from hil.review.verdict_page import verdict_page
@@ -144,10 +145,7 @@ def _in_lockstep(console: Console, work: Work, options: LimitOptions) -> Generat
 
 
 def _address(bench: Bench, options: LimitOptions) -> BusAddress:
-    bus = bench.rig.bus
-    return BusAddress(
-        options.interface or bus.interface, options.channel or bus.channel, options.bitrate or bus.bitrate
-    )
+    return chosen_bus(bench.rig, options.interface, options.channel, options.bitrate)
 
 
 def _show(console: Console, tested: JudgedScenario) -> None:

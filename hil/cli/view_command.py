@@ -11,7 +11,8 @@ import typer
 
 from hil.bench.run_options import LivePicture
 from hil.cli.complaint import warn
-from hil.edge.record.run_folder import RunFolder, RunFolderError
+from hil.edge.record.record_errors import RunFolderError
+from hil.edge.record.run_folder import RunFolder
 from hil.review import viewer
 from hil.review.moment import moment_s
 from hil.review.viewer import Opening

@@ -19,8 +19,8 @@ import rerun.blueprint as rrb
 
 from hil.compare.compared_run import ComparedRun, CompareError
 from hil.core.types import Mode
+from hil.edge.record.record_errors import RunFolderError
 from hil.edge.record.rerun_log import APPLICATION, TIMELINE, series, time_column
-from hil.edge.record.run_folder import RunFolderError
 from hil.edge.record.run_states import STATES, pump_state
 from hil.edge.record.signals import AMBER, BLUE, GREEN, GREY, ORANGE, PURPLE
 from hil.review.blueprint import PLOT_BACKGROUND, PLOTS, LinkedBlueprint, linked_axis

@@ -8,7 +8,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from hil.edge.record.run_folder import Manifest, NoRunFolderError, RunFolder, RunFolderError
+from hil.edge.record.manifest import Manifest
+from hil.edge.record.record_errors import NoRunFolderError, RunFolderError
+from hil.edge.record.run_folder import RunFolder
 from hil.review.kpi import COLUMNS as KPI_COLUMNS
 from hil.review.kpi import Kpi, evaluate
 from hil.review.moment import moment_of

@@ -11,7 +11,7 @@ from typing import Any
 from hil.compare.compared_run import START, ComparedRun, compared_runs, run_paths
 from hil.compare.differences import Difference, differences
 from hil.compare.figure_rows import FigureRow, figure_rows
-from hil.edge.record.run_folder import write_atomically
+from hil.edge.record.file_writing import write_atomically
 
 
 @dataclass(frozen=True, eq=False)

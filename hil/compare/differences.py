@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from hil.edge.record.run_folder import Manifest
+from hil.edge.record.manifest import Manifest
 
 ABSENT = "–"
 NAMED_BY_SETTINGS = ("rig.toml",)

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from hil.compare.compared_run import ComparedRun
-from hil.edge.record.run_folder import RunFolderError
+from hil.edge.record.record_errors import RunFolderError
 from hil.review.kpi import level_gain, output_levels
 from hil.review.run_figures import GREY, INK, RED, held, label_axes, legend, panels, svg, thin
 from hil.review.ticks import Floats

@@ -8,35 +8,27 @@ docs/decisions/0011-interlocks.md.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from math import inf, isfinite, nan
+from math import inf, nan
 
 from hil.core import active_isolation, closed_loop, live_operation, start_goal, start_phase, supervisor
 from hil.core.active_isolation import IDLE, NO_PROBE, Occasion, ProbeConfig, ProbeState
 from hil.core.alarm_list import AlarmList
 from hil.core.attendance import Attendance, is_asked_for, unattended, watch_attendance
-from hil.core.closed_loop import LoopConfig, LoopState
 from hil.core.control_law import FeedbackRecord
-from hil.core.dry_watch import DryWatch, watch_dry
-from hil.core.filling_watch import FillingWatch, watch_filling
-from hil.core.inflow_watch import NOT_RISEN, InflowWatch, watch_inflow
 from hil.core.interlocks import Belief, Limits
-from hil.core.live_levels import NONE, LiveLevels, live_levels_cm, watch_readings
 from hil.core.live_operation import UNTOUCHED, LiveState, Operation
 from hil.core.live_request import LiveAnswer, LiveRequest
-from hil.core.overshoot import Outlets, watch
+from hil.core.loop_state import LoopConfig, LoopState
+from hil.core.monitors import Monitors, step_monitors
 from hil.core.reference_path import TIME_TOLERANCE_S
-from hil.core.start_phase import Doubts
 from hil.core.supervisor import Supervision
 from hil.core.types import (
     Action,
     Command,
-    Diagnosis,
     Event,
     Inputs,
-    Measurement,
     Mode,
     Pair,
-    Quad,
     Request,
     TickRecord,
     TripCause,
@@ -60,23 +52,6 @@ class ControllerConfig:
     requests: tuple[tuple[float, Request], ...] = ()
     probe: ProbeConfig = NO_PROBE
     waits_for_clearing: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Monitors:
-    """States of the monitors that the interlocks use.
-
-    outlets : by the levels of the loop. live_outlets : by those of the live sensors that are not trusted. filling :
-    from the start phase on. doubts : alarms that are not resolved.
-    """
-
-    outlets: Outlets = field(default_factory=Outlets)
-    live_outlets: Outlets = field(default_factory=Outlets)
-    live: LiveLevels = field(default_factory=LiveLevels)
-    inflow: InflowWatch = field(default_factory=InflowWatch)
-    dry: DryWatch = field(default_factory=DryWatch)
-    filling: FillingWatch = field(default_factory=FillingWatch)
-    doubts: Doubts = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +131,9 @@ def _step(
         inputs = _with_schedule(config, loop, state.operation, inputs, now_ns)
         period_s = (now_ns - loop.stepped_ns) * 1e-9
         loop, loop_events = closed_loop.step(config.loop, loop, inputs, now_ns, probe)
-        monitors, belief = _observe(config, monitors, loop, inputs.measurement, now_ns)
+        monitors, belief = step_monitors(
+            config.limits, monitors, loop, inputs.measurement, now_ns, accommodates=config.loop.reconfigure
+        )
         if is_asked_for(config.limits):
             attendance, attendance_events = watch_attendance(attendance, config.limits, inputs.is_attended, loop.t_s)
             belief = replace(belief, unattended=unattended(attendance, state.alarms, config.limits, loop.t_s))
@@ -214,54 +191,6 @@ def is_over(config: ControllerConfig, state: ControllerState) -> bool:
     return state.operation.scenario_s(_run_time_s(loop, loop.stepped_ns)) >= config.duration_s - TIME_TOLERANCE_S
 
 
-def _observe(
-    config: ControllerConfig, monitors: Monitors, loop: LoopState, measurement: Measurement, now_ns: int
-) -> tuple[Monitors, Belief]:
-    """One step of the monitors, and what the supervisor may assume."""
-    model, diagnosis, estimate = config.limits.model, loop.diagnosis, loop.estimate
-    live = watch_readings(model, config.limits.max_drives, monitors.live, measurement, diagnosis.trusted, now_ns)
-    live_cm = live_levels_cm(model, live, measurement, diagnosis)
-    effective_V = _effective(diagnosis, estimate.pump_V)
-    flowing_V = _larger(effective_V, diagnosis.flow_V)  # a pump that gives or lags more seemed to be a shut outlet
-    outlets = live_outlets = watch(model, monitors.outlets, estimate.level_cm, flowing_V, now_ns)
-    if live_cm != NONE:
-        levels_cm = _with_live(estimate.level_cm, live_cm)
-        live_outlets = watch(model, monitors.live_outlets, levels_cm, effective_V, now_ns)
-    dry = watch_dry(model, monitors.dry, estimate.level_cm, estimate.pump_V, diagnosis.trusted, now_ns)
-    filling = monitors.filling
-    if loop.start is not None and loop.t_s <= start_phase.DOUBTED_UNTIL_S:
-        filling = watch_filling(model, filling, estimate.level_cm, effective_V, diagnosis.trusted, now_ns)
-    inflow = InflowWatch()
-    if not loop.is_starting:
-        risen = filling.rises() if loop.t_s <= 2.0 * start_phase.DOUBTED_UNTIL_S else NOT_RISEN
-        inflow = watch_inflow(model, monitors.inflow, estimate.level_cm, effective_V, diagnosis, now_ns, risen)
-    open_share = outlets.open_share
-    if live_outlets is not outlets:
-        open_share = _smaller(open_share, live_outlets.open_share)
-    belief = Belief(
-        diagnosis=diagnosis,
-        level_cm=estimate.level_cm,
-        pump_V=_larger(estimate.pump_V, loop.under_way.largest()),
-        accommodates=config.loop.reconfigure,
-        open_share=open_share,
-        live_cm=live_cm,
-        law_problem=loop.problem,
-        possible_cm=inflow.possible_cm(model, estimate.level_cm, diagnosis),
-        is_dry=dry.is_dry,
-    )
-    doubts = start_phase.open_doubts(monitors.doubts, diagnosis.new_alarms, loop.t_s)
-    monitors = Monitors(
-        outlets=outlets,
-        live_outlets=live_outlets,
-        live=live,
-        inflow=inflow,
-        dry=dry,
-        filling=filling,
-        doubts=doubts,
-    )
-    return monitors, belief
-
-
 def _start_problem(
     config: ControllerConfig, loop: LoopState, monitors: Monitors, command_V: Pair, *, is_end: bool
 ) -> str:
@@ -305,25 +234,6 @@ def _probe(
         end_s=operation.run_s(config.duration_s),
     )
     return active_isolation.step(config.probe, config.limits, probe, at, t_s, period_s)
-
-
-def _effective(diagnosis: Diagnosis, pump_V: Pair) -> Pair:
-    (theta1, theta2), (v1, v2) = diagnosis.effectiveness, pump_V
-    return theta1 * v1, theta2 * v2
-
-
-def _with_live(level_cm: Quad, live_cm: Quad) -> Quad:
-    """The levels, with those that sensors without trust still show."""
-    h1, h2, h3, h4 = (live if isfinite(live) else level for level, live in zip(level_cm, live_cm, strict=True))
-    return h1, h2, h3, h4
-
-
-def _larger(first: Pair, second: Pair) -> Pair:
-    return max(first[0], second[0]), max(first[1], second[1])
-
-
-def _smaller(first: Pair, second: Pair) -> Pair:
-    return min(first[0], second[0]), min(first[1], second[1])
 
 
 def _run_time_s(loop: LoopState, now_ns: int) -> float:

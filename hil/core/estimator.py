@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import exp, isfinite, nan
 
+from hil.core.sensors import levels_shown
 from hil.core.tanks import TankModel, level_rates
-from hil.core.types import Measurement, Pair, Quad
+from hil.core.types import ALL_SENSORS, Measurement, Pair, Quad
 
-ALL = (True, True, True, True)
 NOTHING = (nan, nan, nan, nan)
 """Without a reading."""
 
@@ -38,10 +38,8 @@ class Estimate:
 
 def start(filter_: LevelFilter, measurement: Measurement, applied_V: Pair) -> Estimate:
     """The first estimate: the readings. Every channel must be valid."""
-    k = filter_.model.level_gain_V_cm
-    y1, y2, y3, y4 = measurement.level_V
     return Estimate(
-        level_cm=(y1 / k, y2 / k, y3 / k, y4 / k),
+        level_cm=levels_shown(measurement.level_V, filter_.model.level_gain_V_cm),
         level_V=measurement.level_V,
         pump_V=applied_V,
         innovation_V=(0.0, 0.0, 0.0, 0.0),
@@ -64,7 +62,7 @@ def step(
     k = filter_.model.level_gain_V_cm
     share = 1.0 - exp(-period_s / filter_.filter_s) if filter_.filter_s > 0.0 else 1.0
     y1, y2, y3, y4 = measurement.level_V if measurement.readings > 0 else NOTHING
-    if measurement.valid != ALL:
+    if measurement.valid != ALL_SENSORS:
         y1, y2, y3, y4 = (y if ok else nan for y, ok in zip((y1, y2, y3, y4), measurement.valid, strict=True))
     h1, h2, h3, h4 = predicted
     innovation_V = (y1 - k * h1, y2 - k * h2, y3 - k * h3, y4 - k * h4)

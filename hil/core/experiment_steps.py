@@ -16,11 +16,11 @@ from hil.core import experiment, supervisor
 from hil.core.controller import Output
 from hil.core.dry_watch import DryWatch, watch_dry
 from hil.core.experiment import Envelope, Phase, PhaseState, Until
-from hil.core.interlocks import ALL, Belief, Limits
+from hil.core.interlocks import Belief, Limits
 from hil.core.live_request import LiveRequest
-from hil.core.sensors import LevelSensors
+from hil.core.sensors import LevelSensors, levels_shown
 from hil.core.supervisor import Supervision
-from hil.core.types import Event, Inputs, Mode, Pair, Quad, Severity, TickRecord, TripCause
+from hil.core.types import ALL_SENSORS, Event, Inputs, Mode, Pair, Quad, Severity, TickRecord, TripCause
 
 FAILED = "experiment_failed"
 """The reason of a phase that has stopped itself; the event `experiment` says why."""
@@ -123,8 +123,7 @@ def step(
 
 
 def _levels_cm(config: ExperimentConfig, inputs: Inputs) -> Quad:
-    k, (y1, y2, y3, y4) = config.limits.level_gain_V_cm, inputs.measurement.level_V
-    return y1 / k, y2 / k, y3 / k, y4 / k
+    return levels_shown(inputs.measurement.level_V, config.limits.level_gain_V_cm)
 
 
 def _observed(
@@ -138,8 +137,8 @@ def _observed(
         for was, now, lag_s in zip(state.drive_V, applied, config.lag_s, strict=True)
     )
     dry = state.dry
-    if inputs.measurement.valid == ALL:
-        dry = watch_dry(config.limits.model, dry, level_cm, (first, second), ALL, now_ns)
+    if inputs.measurement.valid == ALL_SENSORS:
+        dry = watch_dry(config.limits.model, dry, level_cm, (first, second), ALL_SENSORS, now_ns)
     return replace(state, stepped_ns=now_ns, drive_V=(first, second), dry=dry)
 
 

@@ -16,10 +16,10 @@ from math import isfinite
 from hil.core.live_levels import NONE
 from hil.core.overshoot import peak_levels
 from hil.core.pumps import STRAIGHT, PumpPath
+from hil.core.sensors import levels_shown
 from hil.core.tanks import TankModel
-from hil.core.types import Diagnosis, Inputs, NodeState, Pair, Quad, TripCause
+from hil.core.types import ALL_SENSORS, Diagnosis, Inputs, NodeState, Pair, Quad, TripCause
 
-ALL = (True, True, True, True)
 NO_FAULT = Diagnosis()
 
 UNKNOWN_MARGIN_CM = 2.0
@@ -165,10 +165,10 @@ def levels_cm(limits: Limits, inputs: Inputs, belief: Belief) -> Quad:
     """
     k = limits.level_gain_V_cm
     measurement, diagnosis = inputs.measurement, belief.diagnosis
-    y1, y2, y3, y4 = measurement.level_V
-    if measurement.valid == ALL and diagnosis.trusted == ALL:
-        return (y1 / k, y2 / k, y3 / k, y4 / k)
-    best = [y1 / k, y2 / k, y3 / k, y4 / k]
+    shown_cm = levels_shown(measurement.level_V, k)
+    if measurement.valid == ALL_SENSORS and diagnosis.trusted == ALL_SENSORS:
+        return shown_cm
+    best = list(shown_cm)
     for channel in range(4):
         if not diagnosis.trusted[channel]:
             if diagnosis.level_V is not None:
@@ -182,7 +182,7 @@ def levels_cm(limits: Limits, inputs: Inputs, belief: Belief) -> Quad:
 def _is_level_unknown(limits: Limits, s: Situation) -> bool:
     """A trusted sensor must be valid; for a sensor that is not trusted the diagnosis must give a finite level."""
     measurement, diagnosis = s.inputs.measurement, s.diagnosis
-    if diagnosis.trusted == ALL:
+    if diagnosis.trusted == ALL_SENSORS:
         return max(measurement.invalid_run) >= limits.invalid_run_max or not all(map(isfinite, measurement.level_V))
     substitute = diagnosis.level_V
     for channel in range(4):

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from math import exp, inf, isfinite, nan, sqrt
 
 from hil.core.tanks import TankModel
-from hil.core.types import Diagnosis, Measurement, Pair, Quad
+from hil.core.types import ALL_SENSORS, Diagnosis, Measurement, Pair, Quad
 
 RATE_MARGIN = 1.5
 """Pumps and outlets may give this many times what the rig file says."""
@@ -26,7 +26,6 @@ NOISE_STDS = 6.0
 FORGET_S = 60.0
 """Time constant with which a sudden rise is forgotten while the sensor is trusted: it was no fault."""
 
-ALL = (True, True, True, True)
 NONE = (-inf, -inf, -inf, -inf)
 """No sensor that is not trusted shows a level."""
 
@@ -80,7 +79,7 @@ def live_levels_cm(model: TankModel, live: LiveLevels, measurement: Measurement,
     contain the same.
     """
     valid, trusted, refuted = measurement.valid, diagnosis.trusted, diagnosis.refuted
-    if trusted == ALL:
+    if trusted == ALL_SENSORS:
         return NONE
     own_cm = [proven_V / model.level_gain_V_cm for proven_V in diagnosis.proven_V]
     h1, h2, h3, h4 = (

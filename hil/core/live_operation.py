@@ -14,7 +14,6 @@ import numpy as np
 
 from hil.core import live_plan
 from hil.core.alarm_list import AlarmList
-from hil.core.closed_loop import LoopConfig, LoopState
 from hil.core.control_law import ChecksReferences
 from hil.core.interlocks import Limits
 from hil.core.live_plan import LivePlan
@@ -29,9 +28,11 @@ from hil.core.live_request import (
     merged,
     refused,
 )
+from hil.core.loop_state import LoopConfig, LoopState
+from hil.core.reachable import nearest_reachable
 from hil.core.reference_path import RunReferences
 from hil.core.supervisor import Supervision
-from hil.core.tanks import equilibrium, nearest_reachable
+from hil.core.tanks import equilibrium
 from hil.core.types import Action, Event, Mode, Pair, Request
 
 MOVING = (Mode.RUNNING, Mode.DEGRADED, Mode.MANUAL)

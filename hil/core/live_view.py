@@ -5,11 +5,11 @@ from __future__ import annotations
 from math import sqrt
 
 from hil.core import live_plan, supervisor
-from hil.core.closed_loop import LoopState
 from hil.core.controller import ControllerConfig, ControllerState, Output
-from hil.core.types import Diagnosis, Inputs, Mode, Quad
+from hil.core.loop_state import LoopState
+from hil.core.sensors import levels_shown
+from hil.core.types import ALL_SENSORS, Diagnosis, Inputs, Mode, Quad
 
-TRUSTED = (True, True, True, True)
 MAX_ALARMS = 100
 """Rows of the alarm list that are shown, the most urgent ones: the state has to fit into one message."""
 
@@ -30,7 +30,7 @@ def view(
         "starting": loop is not None and loop.is_starting,
         "measured_cm": [level_V / k for level_V in inputs.measurement.level_V],
         "estimated_cm": UNKNOWN_QUAD if loop is None else loop.estimate.level_cm,
-        "trusted": TRUSTED if loop is None else loop.diagnosis.trusted,
+        "trusted": ALL_SENSORS if loop is None else loop.diagnosis.trusted,
         "reference_cm": UNKNOWN_PAIR if record is None else [level_V / k for level_V in record.reference_V],
         "target_cm": UNKNOWN_PAIR if record is None else [level_V / k for level_V in record.target_V],
         "command_V": output.command.voltage_V,
@@ -52,9 +52,8 @@ def _water(config: ControllerConfig, inputs: Inputs, loop: LoopState | None) -> 
     """Flows and what they depend on, as diagnosed."""
     model = config.limits.model
     diagnosis = Diagnosis() if loop is None else loop.diagnosis
-    k = config.limits.level_gain_V_cm
-    y1, y2, y3, y4 = inputs.measurement.level_V
-    level_cm = (y1 / k, y2 / k, y3 / k, y4 / k) if loop is None else loop.estimate.level_cm
+    shown_cm = levels_shown(inputs.measurement.level_V, config.limits.level_gain_V_cm)
+    level_cm = shown_cm if loop is None else loop.estimate.level_cm
     ways = diagnosis.waterways
     split = diagnosis.valve_split or model.valve_split if ways is None else ways.split
     own = (1.0, 1.0, 1.0, 1.0) if ways is None else ways.outlet

@@ -13,8 +13,9 @@ from scipy.linalg import solve_continuous_lyapunov
 from hil.core.eigenstructure import augment
 from hil.core.gain_design import GainDesign, closed_loop_poles, gain_matrix
 from hil.core.pumps import STRAIGHT, PumpPath
+from hil.core.reachable import nearest_reachable
 from hil.core.state_feedback import StateFeedback
-from hil.core.tanks import TankModel, equilibrium, holding_voltages, linearise, nearest_reachable
+from hil.core.tanks import TankModel, equilibrium, holding_voltages, linearise
 from hil.core.types import Pair, Quad, Waterways
 
 MIN_EFFECTIVENESS = 0.05

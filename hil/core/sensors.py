@@ -28,6 +28,12 @@ def signal_gain(gain_V_cm: float | Sequence[float]) -> float:
     return first if first > 0.0 and all(gain == first for gain in gains) else PAPER_GAIN_V_CM
 
 
+def levels_shown(signal_V: Quad, gain_V_cm: float) -> Quad:
+    """(4,) the levels in cm that these level signals show. gain_V_cm : their k."""
+    y1, y2, y3, y4 = signal_V
+    return y1 / gain_V_cm, y2 / gain_V_cm, y3 / gain_V_cm, y4 / gain_V_cm
+
+
 @dataclass(frozen=True)
 class LevelSensors:
     """The four sensors; by default those of the paper.

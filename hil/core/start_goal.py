@@ -7,9 +7,10 @@ not be able to declare a start phase successful by a target of its own.
 
 from __future__ import annotations
 
-from hil.core.closed_loop import LoopConfig, LoopState
+from hil.core.loop_state import LoopConfig, LoopState
+from hil.core.reachable import nearest_reachable
 from hil.core.reconfiguration import FAILURES, found_tanks
-from hil.core.tanks import TankModel, nearest_reachable
+from hil.core.tanks import TankModel
 from hil.core.types import Pair
 
 

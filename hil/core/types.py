@@ -15,6 +15,9 @@ from math import inf, nan
 Pair = tuple[float, float]
 Quad = tuple[float, float, float, float]
 
+ALL_SENSORS = (True, True, True, True)
+"""Of `Measurement.valid` and `Diagnosis.trusted`: every channel."""
+
 
 class Mode(IntEnum):
     """Mode of the controller; the number is what the record and the Rerun timeline contain."""

@@ -11,8 +11,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from hil.core.pumps import PumpPath
+from hil.core.reachable import nearest_reachable
 from hil.core.reconfiguration import FAILURES, UNSURE_V, found_tanks
-from hil.core.tanks import TankModel, holding_voltages, nearest_reachable
+from hil.core.tanks import TankModel, holding_voltages
 from hil.core.types import Pair, PossibleRig
 
 STEP_V = 0.02

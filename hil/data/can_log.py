@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.edge.record.log_file import find_log, open_log
-from hil.edge.record.run_folder import RunFolderError
+from hil.edge.record.record_errors import RunFolderError
 
 BLOCK_BYTES = 1 << 19
 """So much of the file is read at once: some 12 000 lines, whose table stays in the processor's cache."""

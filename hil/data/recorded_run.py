@@ -7,11 +7,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from datetime import datetime
 from functools import cached_property
-from math import nan
 from typing import TYPE_CHECKING, Any
 
 from hil.core.counted import counted
-from hil.edge.record.run_folder import Manifest, RunFolder, RunFolderError
+from hil.edge.record.manifest import Manifest
+from hil.edge.record.record_errors import RunFolderError
+from hil.edge.record.run_folder import RunFolder
 
 if TYPE_CHECKING:
     from pandas import DataFrame, Series
@@ -107,12 +108,9 @@ class RecordedRun:
     @cached_property
     def columns(self) -> DataFrame:
         """The columns of `ticks`: unit and meaning of each, by name."""
-        import pandas as pd
+        from hil.data.run_tables import columns_table
 
-        names = self._header.rstrip("\n").split(",")
-        known = self._signals
-        rows = [(known[name].unit, known[name].meaning) if name in known else ("", "") for name in names]
-        return pd.DataFrame(rows, columns=["unit", "meaning"], index=pd.Index(names, name="column"))
+        return columns_table(self._header.rstrip("\n").split(","), self._signals)
 
     @cached_property
     def frames(self) -> DataFrame:
@@ -180,21 +178,9 @@ class RecordedRun:
     @property
     def windows(self) -> DataFrame:
         """The scenario's windows by name: from_s, to_s, covered_s, the IAE of outputs 1 and 2; NaN if not reached."""
-        import pandas as pd
+        from hil.data.run_tables import windows_table
 
-        from hil.data.run_tables import with_units
-
-        rows: dict[str, list[Any]] = {key: [] for key in ("from_s", "to_s", "covered_s", "iae1_Vs", "iae2_Vs")}
-        windows = self.manifest.plan.windows
-        for window in windows:
-            covered_s = float(self.figures.get("iae_covered_s", {}).get(window.name, 0.0))
-            pair = self.figures.get("iae_Vs", {}).get(window.name) if covered_s > 0.0 else None
-            values = (window.from_s, window.to_s, covered_s, *(pair or (nan, nan)))
-            for column, value in zip(rows.values(), values, strict=True):
-                column.append(value)
-        index = pd.Index([window.name for window in windows], name="window", dtype=object)
-        units = {name: "s" if name.endswith("_s") else "V s" for name in rows}
-        return with_units(pd.DataFrame(rows, index=index, dtype=float), units)
+        return windows_table(self.manifest.plan.windows, self.figures)
 
     def window(self, name: str) -> DataFrame:
         """The control steps of one of the scenario's windows, both ends included. Raises KeyError."""

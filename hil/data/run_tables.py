@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, fields
+from math import nan
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hil.data.can_log import CanLog, joined
-from hil.edge.record.run_folder import RunMode
+from hil.edge.record.manifest import RunMode, Window
 from hil.edge.record.signals import Signal, recorded
 from hil.review.alarms import Finding
 from hil.review.ticks import LoggedEvent, Ticks
@@ -75,6 +76,33 @@ def alarms_table(findings: Sequence[Finding]) -> DataFrame:
         is_number = field.name.endswith("_s") or field.name in ("size", "size_std")
         columns[field.name] = np.array(values, dtype=float) if is_number else _objects(values)
     return with_units(pd.DataFrame(columns), {name: "s" for name in columns if name.endswith("_s")})
+
+
+def columns_table(names: Sequence[str], signals: Mapping[str, Signal]) -> DataFrame:
+    """One row for each column of ticks.csv, by its name: unit and meaning, "" where neither is known."""
+    import pandas as pd
+
+    rows = [(signals[name].unit, signals[name].meaning) if name in signals else ("", "") for name in names]
+    return pd.DataFrame(rows, columns=["unit", "meaning"], index=pd.Index(names, name="column"))
+
+
+def windows_table(windows: Sequence[Window], figures: Mapping[str, Any]) -> DataFrame:
+    """One row for each window, by its name: from_s, to_s, covered_s, the IAE of outputs 1 and 2; NaN if not reached.
+
+    figures : as in kpi.json.
+    """
+    import pandas as pd
+
+    rows: dict[str, list[Any]] = {key: [] for key in ("from_s", "to_s", "covered_s", "iae1_Vs", "iae2_Vs")}
+    for window in windows:
+        covered_s = float(figures.get("iae_covered_s", {}).get(window.name, 0.0))
+        pair = figures.get("iae_Vs", {}).get(window.name) if covered_s > 0.0 else None
+        values = (window.from_s, window.to_s, covered_s, *(pair or (nan, nan)))
+        for column, value in zip(rows.values(), values, strict=True):
+            column.append(value)
+    index = pd.Index([window.name for window in windows], name="window", dtype=object)
+    units = {name: "s" if name.endswith("_s") else "V s" for name in rows}
+    return with_units(pd.DataFrame(rows, index=index, dtype=float), units)
 
 
 def frames_table(blocks: Iterable[CanLog], zero_s: float, names: Mapping[int, str]) -> DataFrame:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hil.core.pumps import PumpPath
-from hil.core.sensors import LevelSensors
+from hil.core.sensors import LevelSensors, levels_shown
 from hil.core.tanks import TankModel, level_rates, pump_matrix
 from hil.core.types import Pair, Quad
 from hil.probe.bus_probe import Probe
@@ -81,9 +81,7 @@ def levels_cm(observation: Observation, sensors: LevelSensors) -> Quad:
             total_V = sum(arrival.values[f"Level{tank}"] for arrival in newest)
             means_V.append(total_V / len(newest) if newest else float("nan"))
     v1, v2, v3, v4 = means_V
-    y1, y2, y3, y4 = sensors.signals((v1, v2, v3, v4))
-    k = sensors.signal_gain
-    return y1 / k, y2 / k, y3 / k, y4 / k
+    return levels_shown(sensors.signals((v1, v2, v3, v4)), sensors.signal_gain)
 
 
 def may_move(level_cm: Quad, level_max_cm: float) -> bool:

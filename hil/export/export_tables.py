@@ -15,7 +15,9 @@ import numpy.typing as npt
 from hil.data.can_log import CanLog, can_log_blocks, read_can_log
 from hil.edge.record.json_text import whole_text
 from hil.edge.record.log_file import find_log, open_log
-from hil.edge.record.run_folder import Manifest, RunFolder, RunFolderError
+from hil.edge.record.manifest import Manifest
+from hil.edge.record.record_errors import RunFolderError
+from hil.edge.record.run_folder import RunFolder
 from hil.edge.record.signals import recorded
 from hil.review.ticks import LoggedEvent, Ticks, read_events, read_ticks, tick_pieces
 

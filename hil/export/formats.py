@@ -11,7 +11,8 @@ from pathlib import Path
 
 from hil.edge.control.socket_path import running_runs
 from hil.edge.record.log_file import COMPRESSIONS
-from hil.edge.record.run_folder import IncompleteRecordError, RunFolder, RunFolderError
+from hil.edge.record.record_errors import IncompleteRecordError, RunFolderError
+from hil.edge.record.run_folder import RunFolder
 from hil.export import columnar_files, log_copy, matlab_file, mcap_file, measurement_file
 from hil.export.export_tables import RunTables, read_run
 

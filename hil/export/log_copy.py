@@ -10,7 +10,7 @@ from typing import Any
 
 from hil.data.can_log import can_log_blocks
 from hil.edge.record.log_file import find_log, open_log
-from hil.edge.record.run_folder import RunFolderError
+from hil.edge.record.record_errors import RunFolderError
 
 BLOCK_BYTES = 1 << 20
 MARK = re.compile(rb" [RT]\r?\n")

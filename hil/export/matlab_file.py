@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hil.edge.record.run_folder import RunFolderError
+from hil.edge.record.record_errors import RunFolderError
 from hil.export.export_tables import ExportColumn, ExportTable, RunTables, identifier
 from hil.export.frame_data import hex_texts
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.core.types import Severity
-from hil.edge.record.run_folder import RunFolderError
+from hil.edge.record.record_errors import RunFolderError
 from hil.export import protobuf
 from hil.export.export_tables import DBC, ExportColumn, ExportTable, FramePiece, RunTables, identifier
 from hil.export.frame_data import data_lengths

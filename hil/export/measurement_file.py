@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.data.can_log import MAX_DATA, CanLog
-from hil.edge.record.run_folder import RunFolderError
+from hil.edge.record.record_errors import RunFolderError
 from hil.export.export_tables import DBC, ExportColumn, ExportTable, RunTables
 from hil.export.frame_data import data_lengths
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from hil.edge.record.run_folder import RunFolder, RunFolderError
+from hil.edge.record.record_errors import RunFolderError
+from hil.edge.record.run_folder import RunFolder
 
 
 def end_of_run(folder: Path) -> str:

@@ -17,7 +17,9 @@ from hil.core.counted import counted
 from hil.core.reference_path import TIME_TOLERANCE_S
 from hil.core.types import Mode, TripCause
 from hil.edge.record.log_file import find_log
-from hil.edge.record.run_folder import Manifest, RunFolder, RunFolderError
+from hil.edge.record.manifest import Manifest
+from hil.edge.record.record_errors import RunFolderError
+from hil.edge.record.run_folder import RunFolder
 from hil.replay.candump_file import read_candump
 from hil.replay.frame_log import FrameLog, ReplayError
 from hil.replay.recorded_requests import placed_requests

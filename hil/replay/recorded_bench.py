@@ -15,7 +15,8 @@ from hil.bench.assembly import Bench
 from hil.core.controller import ControllerConfig
 from hil.edge.config.settings_file import SettingsError
 from hil.edge.config.shipped import find_rig
-from hil.edge.record.run_folder import Manifest, RunFolder
+from hil.edge.record.manifest import Manifest
+from hil.edge.record.run_folder import RunFolder
 from hil.replay.frame_log import ReplayError
 
 MAX_SHOWN = 4

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.core.counted import counted
-from hil.edge.record.run_folder import write_atomically
+from hil.edge.record.file_writing import write_atomically
 from hil.replay.command_difference import COMPARED
 from hil.replay.frame_log import ReplayError
 from hil.review.alarms import Finding

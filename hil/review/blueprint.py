@@ -9,9 +9,9 @@ from math import isfinite
 import rerun as rr
 import rerun.blueprint as rrb
 
+from hil.edge.record.manifest import RunMode
 from hil.edge.record.picture_layout import BACKGROUND, BOUNDS_X, BOUNDS_Y, ROOM
 from hil.edge.record.rerun_log import TIMELINE, Series, series
-from hil.edge.record.run_folder import RunMode
 from hil.edge.record.signals import WHITE
 
 

@@ -8,7 +8,8 @@ from dataclasses import replace
 
 from hil.core.identification.drift import ALL_CHECKED
 from hil.core.identification.parameters import BY_NAME
-from hil.edge.record.run_folder import Manifest, RunFolder
+from hil.edge.record.manifest import Manifest
+from hil.edge.record.run_folder import RunFolder
 from hil.review import page
 from hil.review.kpi import Kpi
 from hil.review.parameter_drift import file_words, has_moved, sentence

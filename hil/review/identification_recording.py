@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from hil.core.identification.result import Identification, Prediction
 from hil.edge.record.new_folder import disk_error
-from hil.edge.record.rerun_log import TIMELINE, abandon, call_within, time_column
-from hil.edge.record.run_folder import IncompleteRecordError
+from hil.edge.record.record_errors import IncompleteRecordError
+from hil.edge.record.rerun_calls import abandon, call_within
+from hil.edge.record.rerun_log import TIMELINE, time_column
 from hil.edge.record.signals import AMBER, BLUE, GREEN, GREY, ORANGE
 
 Floats = NDArray[np.float64]

@@ -18,7 +18,8 @@ import numpy as np
 
 from hil.core.identification.records import Array, LevelRecord, RulerReading
 from hil.edge.record.log_file import read_log_text
-from hil.edge.record.run_folder import RunFolder, RunFolderError
+from hil.edge.record.record_errors import RunFolderError
+from hil.edge.record.run_folder import RunFolder
 from hil.review.ticks import read_ticks
 from hil.wire.contract import Contract, FrameSpec, crc8
 

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
 
-from hil.edge.record.run_folder import RunFolder, RunFolderError
+from hil.edge.record.record_errors import RunFolderError
+from hil.edge.record.run_folder import RunFolder
 from hil.review.ticks import LoggedEvent, Ticks, read
 
 

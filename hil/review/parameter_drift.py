@@ -17,7 +17,7 @@ from hil.core.identification.records import LevelRecord
 from hil.core.sensors import LevelSensors
 from hil.edge.config.rig_file import Rig
 from hil.edge.config.settings_file import SettingsError, validated
-from hil.edge.record.run_folder import Manifest
+from hil.edge.record.manifest import Manifest
 from hil.review.alarms import merged
 from hil.review.ticks import Floats, LoggedEvent, Ticks
 

@@ -13,7 +13,9 @@ from typing import Any
 
 from hil.core.counted import counted
 from hil.core.fault_kinds import FaultKind
-from hil.edge.record.run_folder import Manifest, RunFolder, write_atomically
+from hil.edge.record.file_writing import write_atomically
+from hil.edge.record.manifest import Manifest
+from hil.edge.record.run_folder import RunFolder
 from hil.review import page, run_figures, table3
 from hil.review.alarm_attention import attention
 from hil.review.alarm_table import alarm_table

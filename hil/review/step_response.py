@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.edge.record.run_folder import Window
+from hil.edge.record.manifest import Window
 from hil.review.ticks import Floats, Ticks
 
 Known = tuple[float | None, float | None] | None

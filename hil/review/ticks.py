@@ -14,7 +14,8 @@ import numpy.typing as npt
 
 from hil.core.types import Severity
 from hil.edge.record.json_text import read_json
-from hil.edge.record.run_folder import RunFolder, RunFolderError
+from hil.edge.record.record_errors import RunFolderError
+from hil.edge.record.run_folder import RunFolder
 
 Floats = npt.NDArray[np.float64]
 

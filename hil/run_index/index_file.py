@@ -16,7 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 from urllib.parse import quote
 
-from hil.edge.record.run_folder import NoRunFolderError
+from hil.edge.record.record_errors import NoRunFolderError
 from hil.run_index.folders import MAX_DEPTH, FoundRun, find_runs
 from hil.run_index.indexed_run import INTERRUPTED, RUNNING, IndexedRun
 from hil.run_index.life_signs import LifeSigns

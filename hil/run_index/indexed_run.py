@@ -9,7 +9,9 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from hil.edge.record.run_folder import Manifest, RunFolder, RunFolderError
+from hil.edge.record.manifest import Manifest
+from hil.edge.record.record_errors import RunFolderError
+from hil.edge.record.run_folder import RunFolder
 
 RUNNING, INTERRUPTED = "running", "interrupted"
 NOT_READABLE = "unreadable"

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import hil
-from hil.bench.assembly import run_plan
 from hil.bench.reference_plan import reference_plan
+from hil.bench.run_plan import run_plan
 from hil.core.reference_path import RunReferences
 
 HEAD = '[scenario]\nname = "moves"\nduration_s = 12.0\n[diagnosis]\nmethod = "none"\n'

@@ -26,7 +26,7 @@ from hil.campaigns.standing import Course, Standing, Standings
 from hil.campaigns.standings import standings
 from hil.cli import benchmark_command
 from hil.edge.config.settings_file import SettingsError
-from hil.edge.record.run_folder import Window
+from hil.edge.record.manifest import Window
 from tests.campaign.campaign_bench import CONFIG, SHORT, row
 
 SPEC = """[benchmark]

@@ -22,7 +22,7 @@ from hil.campaigns.row import INVARIANTS, Elapsed, Row
 from hil.campaigns.store import Store
 from hil.cli import campaign_tables
 from hil.core.types import Alarm, Event, Mode, Pair, Severity, TickRecord
-from hil.edge.record.run_folder import RunFolderError
+from hil.edge.record.record_errors import RunFolderError
 from hil.loop import Outcome as Ending
 from tests.campaign.campaign_bench import row
 

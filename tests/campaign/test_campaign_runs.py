@@ -20,7 +20,7 @@ from hil.campaigns.store import Store
 from hil.campaigns.toml_text import toml_text
 from hil.cli import campaign_command
 from hil.edge.config.settings_file import SettingsError
-from hil.edge.record.run_folder import RunFolderError
+from hil.edge.record.record_errors import RunFolderError
 from tests.campaign.campaign_bench import CONFIG, GRID, campaign_file, cases_of, without_times
 
 FEW = GRID.replace("[1, 2, [1, 2]]", "[1]").replace("[0.4, 0.8]", "[0.4]")

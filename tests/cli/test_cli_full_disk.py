@@ -24,8 +24,9 @@ from hil.campaigns import campaign_report
 from hil.campaigns.store import Store
 from hil.cli import exit_codes
 from hil.edge.record.new_folder import NewFolder
+from hil.edge.record.record_errors import RunFolderError
 from hil.edge.record.recorder import Recorder
-from hil.edge.record.run_folder import RunFolder, RunFolderError
+from hil.edge.record.run_folder import RunFolder
 from hil.review import run_report
 from tests.campaign import campaign_bench
 from tests.cli.cli_bench import BIN, CommandLine, Result, scenario_text

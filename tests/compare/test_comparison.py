@@ -12,7 +12,8 @@ import pytest
 from hil.compare.compared_run import CompareError, compared_runs, names_of, run_paths
 from hil.compare.comparison import Comparison
 from hil.compare.figure_rows import figure_rows, label
-from hil.edge.record.run_folder import RunFolder, RunFolderError
+from hil.edge.record.record_errors import RunFolderError
+from hil.edge.record.run_folder import RunFolder
 from hil.review import kpi
 from hil.review.moment import UnknownMomentError
 

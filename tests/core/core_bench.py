@@ -11,13 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.core import controller
-from hil.core.closed_loop import LoopConfig, LoopState
 from hil.core.controller import ControllerConfig, ControllerState
 from hil.core.diagnosis.ideal import NoDetector
 from hil.core.estimator import LevelFilter
 from hil.core.gain_design import CalibratedDesign, RigDesign, choose_rig_design
 from hil.core.interlocks import Limits
 from hil.core.laws.state_feedback_law import FeedbackMemory, StateFeedbackLaw
+from hil.core.loop_state import LoopConfig, LoopState
 from hil.core.reconfiguration import Reconfiguration
 from hil.core.tanks import LinearModel, TankModel, equilibrium, level_rates, linearise
 from hil.core.types import (

@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from firmware_sim import settings as emulator
 from firmware_sim.faults.effects import Effects
 from firmware_sim.tank_slopes import slopes_of
+from hil.core.reachable import nearest_reachable
 from hil.core.tanks import (
     TankModel,
     equilibrium,
     holding_voltages,
     level_rates,
     linearise,
-    nearest_reachable,
     outflows,
     through_flow_matrix,
 )

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from firmware_sim import settings as emulator
 from hil.core import closed_loop, controller
-from hil.core.closed_loop import LoopState
+from hil.core.loop_state import LoopState
 from hil.core.pumps import STRAIGHT, PumpPath, UnderWay
 from hil.core.reconfiguration import Reconfiguration
 from hil.core.types import Mode, NodeState, Pair

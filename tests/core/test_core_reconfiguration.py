@@ -14,6 +14,7 @@ from hil.core.diagnosis.ideal import NoDetector
 from hil.core.eigenstructure import assign, augment
 from hil.core.estimator import Estimate
 from hil.core.gain_design import Gains, closed_loop_poles, gain_matrix
+from hil.core.loop_state import LoopState
 from hil.core.reconfiguration import MIN_EFFECTIVENESS, MIN_LINEARISED_CM
 from hil.core.state_feedback import StateFeedback
 from hil.core.tanks import equilibrium, linearise
@@ -311,7 +312,7 @@ class FindsSplit(NoDetector):
         return None, Diagnosis(valve_split=next(split for at_s, split in reversed(self.found) if at_s <= t_s + 1e-6))
 
 
-def loops_with(*found: tuple[float, Pair | None], seconds: float, **changes: Any) -> list[closed_loop.LoopState]:
+def loops_with(*found: tuple[float, Pair | None], seconds: float, **changes: Any) -> list[LoopState]:
     """The loop's states, at rest, with what the detector finds."""
     config = bench_loop(detector=FindsSplit(*found), **changes)
     seen = inputs(volts(equilibrium(BENCH, (3.0, 3.0))), (3.0, 3.0))

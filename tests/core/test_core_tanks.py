@@ -11,6 +11,7 @@ import scipy.linalg
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hil.core.reachable import nearest_reachable
 from hil.core.tanks import (
     LinearModel,
     TankModel,
@@ -18,7 +19,6 @@ from hil.core.tanks import (
     holding_voltages,
     level_rates,
     linearise,
-    nearest_reachable,
     printed_linear_model,
     pump_matrix,
     through_flow_matrix,

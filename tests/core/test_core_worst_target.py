@@ -9,8 +9,9 @@ import pytest
 
 from hil.core import closed_loop
 from hil.core.pumps import PumpPath
+from hil.core.reachable import nearest_reachable
 from hil.core.reconfiguration import UNSURE_V, found_tanks
-from hil.core.tanks import equilibrium, holding_voltages, nearest_reachable
+from hil.core.tanks import equilibrium, holding_voltages
 from hil.core.types import Diagnosis, Pair, PossibleRig, Waterways
 from hil.core.worst_target import STEP_V, worst_target
 from tests.core.core_bench import BENCH, PERIOD_S, SECOND, Plant, bench_loop, inputs, volts

@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hil.data.can_log import CanLog, DamagedLogError, can_log_blocks, joined, parse_can_log, read_can_log
-from hil.edge.record.run_folder import RunFolder, RunFolderError
+from hil.edge.record.record_errors import RunFolderError
+from hil.edge.record.run_folder import RunFolder
 from tests.export.can_logs import kinds_database, random_log
 
 ODD = (

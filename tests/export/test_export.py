@@ -19,7 +19,8 @@ import pytest
 from scipy.io import loadmat
 
 from hil.data.can_log import read_can_log
-from hil.edge.record.run_folder import RunFolder, RunFolderError
+from hil.edge.record.record_errors import RunFolderError
+from hil.edge.record.run_folder import RunFolder
 from hil.export.export_tables import read_run
 from hil.export.formats import FORMATS, compress_logs, export_run
 from hil.review.ticks import read_events, read_ticks

@@ -14,7 +14,8 @@ import pytest
 from typer.testing import CliRunner
 
 from hil.cli.app import app
-from hil.edge.record.run_folder import IncompleteRecordError, NoRunFolderError, RunFolder, RunFolderError
+from hil.edge.record.record_errors import IncompleteRecordError, NoRunFolderError, RunFolderError
+from hil.edge.record.run_folder import RunFolder
 from hil.export import columnar_files
 from hil.export.formats import FORMATS, compress_logs, export_run
 

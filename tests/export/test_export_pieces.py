@@ -9,7 +9,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from hil.edge.record.run_folder import RunFolder, RunFolderError
+from hil.edge.record.record_errors import RunFolderError
+from hil.edge.record.run_folder import RunFolder
 from hil.export import export_tables, matlab_file, mcap_chunks
 from hil.export.formats import export_run
 from hil.export.in_order import InOrder

@@ -31,7 +31,7 @@ from hil.edge.config.scenario_file import Scenario
 from hil.edge.config.settings_file import validated
 from hil.loop import ControlLoop, Outcome
 from hil.review.alarms import Finding, injected, merged
-from hil.review.kpi import dry_run
+from hil.review.run_measures import dry_run
 from hil.wire.contract import Contract
 
 ROOT = Path(__file__).resolve().parents[2]

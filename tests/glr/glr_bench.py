@@ -13,12 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.core import closed_loop
-from hil.core.closed_loop import LoopConfig, LoopState
 from hil.core.diagnosis.detector import FaultDetector
 from hil.core.diagnosis.glr.glr_detector import GlrDetector
 from hil.core.estimator import LevelFilter
 from hil.core.gain_design import choose_rig_design
 from hil.core.laws.state_feedback_law import StateFeedbackLaw
+from hil.core.loop_state import LoopConfig, LoopState
 from hil.core.reconfiguration import Reconfiguration
 from hil.core.tanks import TankModel, equilibrium, linearise
 from hil.core.types import Alarm, BusHealth, Inputs, Measurement, Mode, NodeHealth, NodeState, PumpFeedback

@@ -20,7 +20,8 @@ from hil.bench.ruler import EmulatedRuler, GivenRuler, read_readings
 from hil.core.experiment import Phase
 from hil.core.types import Quad
 from hil.edge.config.settings_file import default_config_dir
-from hil.edge.record.run_folder import RunFolder, RunFolderError
+from hil.edge.record.record_errors import RunFolderError
+from hil.edge.record.run_folder import RunFolder
 from tests.cli.failing_disk import FailingDisk
 
 CONFIG = default_config_dir()

@@ -20,7 +20,7 @@ from hil.cli.view_command import open_view
 from hil.core.identification.improvement import improvement, misfit_sentence, row_noise_V
 from hil.core.identification.result import Identification
 from hil.edge.config.rig_file import load_rig
-from hil.edge.record.run_folder import IncompleteRecordError
+from hil.edge.record.record_errors import IncompleteRecordError
 from hil.review.identification_json import as_json
 from hil.review.identification_recording import all_curves
 from hil.review.identification_report import ReportFacts, render

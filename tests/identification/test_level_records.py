@@ -12,7 +12,8 @@ from hil.bench.identify_inputs import load_bench, records_of, rig_model
 from hil.core.identification.robust_fit import fit_initial
 from hil.core.identification.simulation import simulate
 from hil.edge.config.settings_file import default_config_dir
-from hil.edge.record.run_folder import RunFolder, RunFolderError
+from hil.edge.record.record_errors import RunFolderError
+from hil.edge.record.run_folder import RunFolder
 from hil.review.level_records import Decoded, in_means, readings, record_of_folder, without_rounding
 
 CONFIG = default_config_dir()

@@ -14,7 +14,7 @@ import pytest
 from hil.edge.config.rig_file import Rig, load_rig
 from hil.edge.config.rig_file_writer import COMMENTS, read_rig_text, replace_rig_file, rig_text_with
 from hil.edge.config.settings_file import SettingsError
-from hil.edge.record.run_folder import IncompleteRecordError
+from hil.edge.record.record_errors import IncompleteRecordError
 from tests.cli.failing_disk import FailingDisk
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"

@@ -10,7 +10,8 @@ import can
 import numpy as np
 import pytest
 
-from hil.edge.record.run_folder import ClockOffsets, RunFolder
+from hil.edge.record.manifest import ClockOffsets
+from hil.edge.record.run_folder import RunFolder
 from hil.review.kpi import compute
 from hil.review.run_report import write_report
 from hil.review.ticks import read_ticks

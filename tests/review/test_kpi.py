@@ -11,10 +11,13 @@ import numpy as np
 import pytest
 
 from hil.core.types import Alarm, Event, Severity
+from hil.edge.record.manifest import Window
+from hil.edge.record.record_errors import RunFolderError
 from hil.edge.record.recorder import Recorder
-from hil.edge.record.run_folder import RunFolder, RunFolderError, Window
+from hil.edge.record.run_folder import RunFolder
 from hil.review.alarms import Injected
-from hil.review.kpi import Kpi, absolute_error_integral, compute, dry_run
+from hil.review.kpi import Kpi, compute
+from hil.review.run_measures import absolute_error_integral, dry_run
 from hil.review.run_report import write_report
 from tests.review import toy
 

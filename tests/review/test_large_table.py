@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hil.edge.record.run_folder import RunFolder, RunFolderError
+from hil.edge.record.record_errors import RunFolderError
+from hil.edge.record.run_folder import RunFolder
 from hil.review import kpi, run_report, ticks
 from hil.review.alarms import Injected
 from hil.review.run_figures import _shares_left

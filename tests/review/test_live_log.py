@@ -17,9 +17,10 @@ from hil.core.types import Event, Severity
 from hil.edge.record import live_log
 from hil.edge.record.live_log import SEND_S, LiveLog
 from hil.edge.record.picture_model import PictureModel
+from hil.edge.record.record_errors import RunFolderError
 from hil.edge.record.recorder import Timeline
 from hil.edge.record.rerun_log import RerunLog
-from hil.edge.record.run_folder import RunFolder, RunFolderError
+from hil.edge.record.run_folder import RunFolder
 from hil.review.viewer import free_port
 from tests.review import toy
 from tests.review.test_tank_picture import MODEL, record_of

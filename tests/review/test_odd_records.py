@@ -12,7 +12,8 @@ import pytest
 
 import hil
 from hil.edge.record.json_text import read_json, whole_text
-from hil.edge.record.run_folder import RunFolder, RunFolderError
+from hil.edge.record.record_errors import RunFolderError
+from hil.edge.record.run_folder import RunFolder
 from hil.review.ticks import MissingColumnError, Ticks, parse_events, parse_ticks
 from tests.review import toy
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from hil.core.identification.drift import Drift, Moved
-from hil.edge.record.run_folder import Manifest, RunFolder, RunPlan
+from hil.edge.record.manifest import Manifest, RunPlan
+from hil.edge.record.run_folder import RunFolder
 from hil.review import kpi
 from hil.review.drift_section import drift_section
 from hil.review.parameter_drift import busiest, file_words, first_fault_s, hours_since_file, parameters_json, sentence

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from hil.core.types import Event, Mode, Severity
+from hil.edge.record.manifest import RunMode
 from hil.edge.record.record_format import event_line
 from hil.edge.record.recorder import Recorder
-from hil.edge.record.run_folder import RunFolder, RunMode
+from hil.edge.record.run_folder import RunFolder
 from hil.edge.record.signals import SIGNALS, Step, recorded
 from hil.review.ticks import read_events, read_ticks
 from tests.review import toy

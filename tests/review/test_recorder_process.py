@@ -16,9 +16,11 @@ import pytest
 
 from hil.bench.open_record import TimelineSettings, open_record
 from hil.core.types import Event, Severity
+from hil.edge.record.manifest import ClockOffsets
+from hil.edge.record.process_recorder import MAX_BATCH_AGE_S, ProcessRecorder
+from hil.edge.record.record_errors import RunFolderError
 from hil.edge.record.recorder import Recorder
-from hil.edge.record.recorder_process import MAX_BATCH_AGE_S, ProcessRecorder
-from hil.edge.record.run_folder import ClockOffsets, RunFolder, RunFolderError
+from hil.edge.record.run_folder import RunFolder
 from hil.review.ticks import read_events, read_ticks
 from tests.review import recorder_bench as misbehaving
 from tests.review import toy
@@ -189,7 +191,7 @@ from functools import partial
 from pathlib import Path
 import toy
 from hil.bench.open_record import TimelineSettings, open_record
-from hil.edge.record.recorder_process import ProcessRecorder
+from hil.edge.record.process_recorder import ProcessRecorder
 from hil.edge.record.run_folder import RunFolder
 folder = RunFolder.create(Path(sys.argv[1]), toy.plan(mode="live"))
 recorder = ProcessRecorder()

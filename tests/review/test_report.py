@@ -11,8 +11,9 @@ import numpy.typing as npt
 import pytest
 
 from hil.core.types import Event, Severity
+from hil.edge.record.manifest import Window
 from hil.edge.record.recorder import Recorder
-from hil.edge.record.run_folder import RunFolder, Window
+from hil.edge.record.run_folder import RunFolder
 from hil.review import table3
 from hil.review.alarm_table import last_estimate
 from hil.review.kpi import compute

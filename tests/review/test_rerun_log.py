@@ -8,9 +8,11 @@ import pytest
 from rerun.chunk import RrdReader
 
 from hil.core.types import Event, Mode, Severity
+from hil.edge.record.manifest import RunMode
 from hil.edge.record.recorder import Recorder
-from hil.edge.record.rerun_log import TIMELINE, RerunLog, RunCard, compact, series
-from hil.edge.record.run_folder import RunFolder, RunMode
+from hil.edge.record.rerun_calls import compact
+from hil.edge.record.rerun_log import TIMELINE, RerunLog, RunCard, series
+from hil.edge.record.run_folder import RunFolder
 from hil.edge.record.signals import recorded
 from hil.review.blueprint import blueprint
 from tests.review import toy

@@ -6,14 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from hil.edge.record.run_folder import (
-    ClockOffsets,
-    NoRunFolderError,
-    RunFolder,
-    RunFolderError,
-    RunFolderExistsError,
-    versions,
-)
+from hil.edge.record.manifest import ClockOffsets, versions
+from hil.edge.record.record_errors import NoRunFolderError, RunFolderError, RunFolderExistsError
+from hil.edge.record.run_folder import RunFolder
 from tests.review import toy
 
 

@@ -10,7 +10,8 @@ import pytest
 from rerun.chunk import RrdReader
 
 from hil.edge.record import signals
-from hil.edge.record.run_folder import RunFolder, RunMode
+from hil.edge.record.manifest import RunMode
+from hil.edge.record.run_folder import RunFolder
 from hil.edge.record.signals import Curve, Signal, markdown_table, recorded
 from hil.review import blueprint
 from hil.review.ticks import read_ticks

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from hil.edge.record.run_folder import Window
+from hil.edge.record.manifest import Window
 from hil.review.step_response import SETTLED_V, StepResponse, step_responses
 
 Values = npt.NDArray[np.floating[Any]]

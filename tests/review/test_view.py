@@ -11,8 +11,9 @@ from pathlib import Path
 import pytest
 
 from hil.core.types import Event, Severity
+from hil.edge.record.record_errors import RunFolderError
 from hil.edge.record.recorder import Recorder
-from hil.edge.record.run_folder import RunFolder, RunFolderError
+from hil.edge.record.run_folder import RunFolder
 from hil.review import viewer
 from hil.review.moment import UnknownMomentError, moment_s
 from hil.review.viewer import NoViewerError, Opening

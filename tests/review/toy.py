@@ -11,9 +11,10 @@ from random import Random
 from typing import Any
 
 from hil.core.types import Alarm, Event, Mode, Pair, Quad, Severity, TickRecord
+from hil.edge.record.manifest import RunMode, RunPlan, Window
 from hil.edge.record.recorder import Recorder
 from hil.edge.record.rerun_log import RerunLog, RunCard
-from hil.edge.record.run_folder import RunFolder, RunMode, RunPlan, Window
+from hil.edge.record.run_folder import RunFolder
 from hil.review.blueprint import blueprint
 from tests.narrowing import pair, quad
 

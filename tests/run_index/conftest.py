@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 
-from hil.edge.record.run_folder import RunFolder, Status
+from hil.edge.record.manifest import Status
+from hil.edge.record.run_folder import RunFolder
 from tests.review import toy
 
 BEGAN = datetime(2026, 11, 20, 8, tzinfo=UTC)

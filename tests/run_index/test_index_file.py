@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hil.edge.record.run_folder import NoRunFolderError
+from hil.edge.record.record_errors import NoRunFolderError
 from hil.run_index.index_file import INDEX_NAME, index_of
 from hil.run_index.indexed_run import NOT_READABLE, IndexedRun
 from tests.run_index.conftest import FIGURES, MakeRun

@@ -11,13 +11,13 @@ from typing import Any
 from can import Message
 
 from firmware_sim import frames as node
-from hil.core.closed_loop import LoopConfig
 from hil.core.controller import ControllerConfig
 from hil.core.diagnosis.ideal import NoDetector
 from hil.core.estimator import LevelFilter
 from hil.core.gain_design import choose_rig_design
 from hil.core.interlocks import NO_FAULT, Belief
 from hil.core.laws.state_feedback_law import StateFeedbackLaw
+from hil.core.loop_state import LoopConfig
 from hil.core.reconfiguration import Reconfiguration
 from hil.core.tanks import TankModel, equilibrium, linearise
 from hil.core.types import (

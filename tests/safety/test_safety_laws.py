@@ -15,8 +15,8 @@ from hil.core import closed_loop, controller, start_goal
 from hil.core.control_law import FeedbackRecord, LawInputs, LawRequest
 from hil.core.controller import ControllerState
 from hil.core.following import Followed
+from hil.core.reachable import nearest_reachable
 from hil.core.start_phase import StartConfig, When
-from hil.core.tanks import nearest_reachable
 from hil.core.types import Event, Mode, NodeState, Pair, Severity, TripCause
 from tests.core.core_bench import BENCH, LIMITS, PERIOD_S, SECOND, Plant, bench_loop, controller_config, inputs, volts
 from tests.safety.safety_bench import LoopBench, config

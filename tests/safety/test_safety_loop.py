@@ -9,9 +9,9 @@ import pytest
 
 from firmware_sim import frames as node
 from hil.core import closed_loop
-from hil.core.closed_loop import LoopState
 from hil.core.diagnosis.ideal import NoDetector
 from hil.core.estimator import Estimate
+from hil.core.loop_state import LoopState
 from hil.core.types import Diagnosis, Event, Measurement, Mode, Pair, Timing, TripCause
 from tests.narrowing import quad
 from tests.safety.safety_bench import (

@@ -15,6 +15,17 @@ from tools.benchmark.capture import Capture
 from tools.benchmark.tables import Section, as_time
 from tools.benchmark.timing import Effort, in_turns
 
+COMMAND: dict[str, Any] = {
+    "Command1": 3.1,
+    "Command2": 2.9,
+    "Enable": 1,
+    "ClearTrip": 0,
+    "StartPhase": 0,
+    "Counter": 7,
+    "Crc": 0,
+}
+"""Signals of the PumpCommand that is encoded."""
+
 
 def codec(effort: Effort) -> list[Section]:
     """Encode, check and decode, per frame, beside cantools' own encode and decode (which know no CRC or counter)."""
@@ -23,15 +34,6 @@ def codec(effort: Effort) -> list[Section]:
     specs = {spec.frame_id: spec for spec in bench.contract.frames.values()}
     database: Any = cantools.database.load_file(bench.dbc_path)
     command = bench.contract.frames["PumpCommand"]
-    values: dict[str, Any] = {
-        "Command1": 3.1,
-        "Command2": 2.9,
-        "Enable": 1,
-        "ClearTrip": 0,
-        "StartPhase": 0,
-        "Counter": 7,
-        "Crc": 0,
-    }
     frames = capture.frames[:400]
 
     def admit() -> None:
@@ -50,8 +52,8 @@ def codec(effort: Effort) -> list[Section]:
             database.decode_message(frame.arbitration_id, frame.data, decode_choices=False)
 
     calls: dict[str, tuple[Callable[[], Any], int]] = {
-        "encode, with CRC": (lambda: command.encode(values), 400),
-        "cantools encode": (lambda: database.encode_message("PumpCommand", values), 400),
+        "encode, with CRC": (lambda: command.encode(COMMAND), 400),
+        "cantools encode": (lambda: database.encode_message("PumpCommand", COMMAND), 400),
         "check and decode": (admit, 1),
         "decode alone": (decode, 1),
         "cantools decode": (decode_by_cantools, 1),

@@ -8,7 +8,7 @@ from typing import Annotated, Optional
 import typer
 from rich.console import Console
 
-from hil.cli.options import ConfigDir, ReportChoice
+from hil.cli.options import ConfigDir, ManyProcesses, ReportChoice, SchedulerAddress
 
 EXAMPLE = "hil benchmark fault_tolerant_four_tank --seeds 5 --out runs/benchmark"
 
@@ -27,12 +27,8 @@ def benchmark(
         typer.Option("--out", metavar="DIR", help="The benchmark's folder; runs that are in it are not repeated."),
     ] = None,
     config: ConfigDir = None,
-    processes: Annotated[
-        Optional[int], typer.Option(min=1, help="Runs beside each other. Default: one for each core; 1 needs no Dask.")
-    ] = None,
-    scheduler: Annotated[
-        Optional[str], typer.Option(metavar="ADDRESS", help="Scheduler of a Dask cluster: tcp://host:8786.")
-    ] = None,
+    processes: ManyProcesses = None,
+    scheduler: SchedulerAddress = None,
     report: ReportChoice = True,
 ) -> None:
     """Compare control laws and detectors on the same rigs, scenarios and seeds: one table, and a report.

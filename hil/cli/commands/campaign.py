@@ -8,7 +8,7 @@ from typing import Annotated, Optional
 import typer
 from rich.console import Console
 
-from hil.cli.options import ConfigDir, Duration, EmulatedRigFile, ReportChoice
+from hil.cli.options import ConfigDir, Duration, EmulatedRigFile, ManyProcesses, ReportChoice, SchedulerAddress
 
 EXAMPLE = "hil campaign pump_losses --seeds 20 --out runs/losses"
 
@@ -33,12 +33,8 @@ def campaign(
     duration: Duration = None,
     rig: EmulatedRigFile = None,
     config: ConfigDir = None,
-    processes: Annotated[
-        Optional[int], typer.Option(min=1, help="Runs beside each other. Default: one for each core; 1 needs no Dask.")
-    ] = None,
-    scheduler: Annotated[
-        Optional[str], typer.Option(metavar="ADDRESS", help="Scheduler of a Dask cluster: tcp://host:8786.")
-    ] = None,
+    processes: ManyProcesses = None,
+    scheduler: SchedulerAddress = None,
     report: ReportChoice = True,
 ) -> None:
     """Run scenarios times faults times seeds: a table of outcomes and a report. Exit code 3: a run broke an invariant.

@@ -18,7 +18,8 @@ def report(
     ] = None,
 ) -> None:
     """Compute a run's key figures and write report.html again, with a second run if wanted."""
-    from hil.edge.record.run_folder import RunFolder, RunFolderError
+    from hil.edge.record.record_errors import RunFolderError
+    from hil.edge.record.run_folder import RunFolder
     from hil.review import kpi
     from hil.review.run_report import write_report
 

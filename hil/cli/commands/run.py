@@ -17,6 +17,7 @@ from hil.cli.live_command import LiveCommand
 from hil.cli.options import (
     Bitrate,
     Channel,
+    ClearTrip,
     ConfigDir,
     Duration,
     Interface,
@@ -38,69 +39,71 @@ EXAMPLE = "hil run steps -i socketcan -c can0"
 
 COMMAND = LiveCommand
 
+ScenarioOrHold = Annotated[
+    Optional[Path],
+    typer.Argument(
+        metavar="SCENARIO",
+        help="A scenario file, or a shipped name. Default: hold.",
+        autocompletion=shipped_scenarios,
+    ),
+]
+RealtimeChoice = Annotated[
+    bool,
+    typer.Option(
+        "--realtime", help="Ask for SCHED_FIFO and locked memory, without the live table; refusals are shown."
+    ),
+]
+Priority = Annotated[Optional[int], typer.Option(metavar="1..99", help="Priority of SCHED_FIFO. Default: 80.")]
+Processor = Annotated[Optional[int], typer.Option(metavar="N", help="Use this processor only. Default: any.")]
+ControlSocket = Annotated[
+    Optional[Path],
+    typer.Option(metavar="PATH", help="Socket on which `hil ctl` reaches the run. Default: in the run folder."),
+]
+AttendedTime = Annotated[
+    float,
+    typer.Option(
+        metavar="SECONDS",
+        min=0.0,
+        max=86400.0,
+        help="Stop when no operator has sent a request for twice this time; an alarm comes after half of it.",
+    ),
+]
+WithPanel = Annotated[bool, typer.Option("--panel", help="Show the operator's panel in this terminal.")]
+
 
 def run(
-    scenario: Annotated[
-        Optional[Path],
-        typer.Argument(
-            metavar="SCENARIO",
-            help="A scenario file, or a shipped name. Default: hold.",
-            autocompletion=shipped_scenarios,
-        ),
-    ] = None,
+    scenario: ScenarioOrHold = None,
     interface: Interface = None,
     channel: Channel = None,
     bitrate: Bitrate = None,
     out: OutDir = None,
     duration: Duration = None,
-    clear_trip: Annotated[
-        bool, typer.Option("--clear-trip", help="First clear a trip that the pump node still has from an earlier run.")
-    ] = False,
+    clear_trip: ClearTrip = False,
     rig: RigFile = None,
     config: ConfigDir = None,
     law: LawName = None,
     rerun: RerunChoice = True,
     report: ReportChoice = True,
-    realtime: Annotated[
-        bool,
-        typer.Option(
-            "--realtime", help="Ask for SCHED_FIFO and locked memory, without the live table; refusals are shown."
-        ),
-    ] = False,
-    priority: Annotated[
-        Optional[int], typer.Option(metavar="1..99", help="Priority of SCHED_FIFO. Default: 80.")
-    ] = None,
+    realtime: RealtimeChoice = False,
+    priority: Priority = None,
     live: LiveChoice = False,
     live_web: LivePageChoice = False,
-    cpu: Annotated[Optional[int], typer.Option(metavar="N", help="Use this processor only. Default: any.")] = None,
-    control: Annotated[
-        Optional[Path],
-        typer.Option(metavar="PATH", help="Socket on which `hil ctl` reaches the run. Default: in the run folder."),
-    ] = None,
-    attended: Annotated[
-        float,
-        typer.Option(
-            metavar="SECONDS",
-            min=0.0,
-            max=86400.0,
-            help="Stop when no operator has sent a request for twice this time; an alarm comes after half of it.",
-        ),
-    ] = 0.0,
-    panel: Annotated[bool, typer.Option("--panel", help="Show the operator's panel in this terminal.")] = False,
+    cpu: Processor = None,
+    control: ControlSocket = None,
+    attended: AttendedTime = 0.0,
+    panel: WithPanel = False,
     emulator: PanelEmulator = None,
 ) -> None:
     """Run a scenario in real time on a CAN bus: the rig's, or the emulator's (firmware-sim). Moves pumps."""
     from hil.edge.host.realtime import parse_request
 
     wanted = parse_request(realtime, priority, cpu)  # before numpy is loaded: it starts threads
-    from hil.bench import assembly, live_run, run_options
+    from hil.bench import assembly, bus_choice, live_run, run_options
     from hil.cli import run_display
     from hil.cli.view_command import live_choice
-    from hil.edge.can.bus import BusAddress
 
     bench = assembly.load(scenario or HOLD, config, rig=rig, law=law)
-    bus = bench.rig.bus
-    address = BusAddress(interface or bus.interface, channel or bus.channel, bitrate or bus.bitrate)
+    address = bus_choice.chosen_bus(bench.rig, interface, channel, bitrate)
     folder = out or run_options.default_folder(bench.scenario.scenario.name, datetime.now())
     shown = live_choice(live=live, is_page=live_web, is_recorded=rerun)
     options = run_options.RunOptions(

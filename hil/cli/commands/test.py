@@ -15,6 +15,8 @@ from hil.cli.complaint import interruptible
 from hil.cli.options import Bitrate, ConfigDir, EmulatedRigFile, RerunChoice
 from hil.edge.can import adapters
 
+EXAMPLE = "hil test my-scenarios --junit out.xml"
+
 TestInterface = Annotated[
     Optional[str],
     typer.Option("-i", "--interface", help=f"Run on this CAN interface: {adapters.known()}; or another of python-can."),
@@ -24,40 +26,44 @@ TestChannel = Annotated[
     typer.Option("-c", "--channel", help=f"Run on this channel: {adapters.channels()}."),
 ]
 
-EXAMPLE = "hil test my-scenarios --junit out.xml"
+ScenarioPaths = Annotated[
+    Optional[list[Path]],
+    typer.Argument(
+        metavar="[DIR|FILE...]",
+        help="Scenarios: folders, files, or shipped names. Default: all shipped ones, or those of --config.",
+    ),
+]
+RunFolders = Annotated[
+    Optional[Path],
+    typer.Option("--out", metavar="DIR", help="Where the run folders go. Default: runs/<time>_test."),
+]
+JunitFile = Annotated[
+    Optional[Path], typer.Option("--junit", metavar="FILE", help="Write the verdicts as a JUnit file, too.")
+]
+VerdictPage = Annotated[
+    Optional[Path],
+    typer.Option("--html", metavar="FILE", help="Write the verdicts as a page, with a report of each run."),
+]
+Processes = Annotated[Optional[int], typer.Option(min=1, help="Runs beside each other. Default: one for each core.")]
+EmulatorSeed = Annotated[
+    Optional[int], typer.Option(min=0, help="Seed of the emulator's noise and parameter spread. Default: 1.")
+]
+ClearTripEachRun = Annotated[
+    bool, typer.Option("--clear-trip", help="On a bus: before each run clear a trip that the pump node still has.")
+]
 
 
 def test(
-    paths: Annotated[
-        Optional[list[Path]],
-        typer.Argument(
-            metavar="[DIR|FILE...]",
-            help="Scenarios: folders, files, or shipped names. Default: all shipped ones, or those of --config.",
-        ),
-    ] = None,
-    out: Annotated[
-        Optional[Path],
-        typer.Option("--out", metavar="DIR", help="Where the run folders go. Default: runs/<time>_test."),
-    ] = None,
-    junit: Annotated[
-        Optional[Path], typer.Option("--junit", metavar="FILE", help="Write the verdicts as a JUnit file, too.")
-    ] = None,
-    html: Annotated[
-        Optional[Path],
-        typer.Option("--html", metavar="FILE", help="Write the verdicts as a page, with a report of each run."),
-    ] = None,
-    processes: Annotated[
-        Optional[int], typer.Option(min=1, help="Runs beside each other. Default: one for each core.")
-    ] = None,
-    seed: Annotated[
-        Optional[int], typer.Option(min=0, help="Seed of the emulator's noise and parameter spread. Default: 1.")
-    ] = None,
+    paths: ScenarioPaths = None,
+    out: RunFolders = None,
+    junit: JunitFile = None,
+    html: VerdictPage = None,
+    processes: Processes = None,
+    seed: EmulatorSeed = None,
     interface: TestInterface = None,
     channel: TestChannel = None,
     bitrate: Bitrate = None,
-    clear_trip: Annotated[
-        bool, typer.Option("--clear-trip", help="On a bus: before each run clear a trip that the pump node still has.")
-    ] = False,
+    clear_trip: ClearTripEachRun = False,
     rig: EmulatedRigFile = None,
     config: ConfigDir = None,
     rerun: RerunChoice = False,

@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 
 from hil.cli.complaint import interruptible
-from hil.cli.options import ConfigDir, EmulatedRigFile
+from hil.cli.options import ConfigDir, EmulatedRigFile, ManyProcesses
 
 EXAMPLE = "hil tune --rig decenter2021 --out runs/tuned"
 
@@ -39,9 +39,7 @@ def tune(
         Optional[Path],
         typer.Option("--out", metavar="DIR", help="The folder of the tuning; runs that are in it are not repeated."),
     ] = None,
-    processes: Annotated[
-        Optional[int], typer.Option(min=1, help="Runs beside each other. Default: one for each core; 1 needs no Dask.")
-    ] = None,
+    processes: ManyProcesses = None,
     write: Annotated[
         bool, typer.Option("--write", help="Put the chosen options into the rig file, and keep a dated copy of it.")
     ] = False,

@@ -12,8 +12,9 @@ from typing import Protocol
 
 from hil.core.following import HEALTHY, Followed
 from hil.core.pumps import STRAIGHT, PumpPath
+from hil.core.reachable import nearest_reachable
 from hil.core.reconfiguration import MIN_EFFECTIVENESS
-from hil.core.tanks import TankModel, equilibrium, nearest_reachable
+from hil.core.tanks import TankModel, equilibrium
 from hil.core.types import Event, Pair, Quad, Severity
 
 TAKEOVER_S = 2.0

@@ -15,10 +15,11 @@ from hil.core.control_law import Authority, FeedbackRecord, LawInputs, LawReques
 from hil.core.following import HEALTHY
 from hil.core.gain_design import closed_loop_poles, gain_matrix
 from hil.core.laws.path_follower import PathFollower, PathState, feedback_part, with_path
+from hil.core.reachable import nearest_reachable
 from hil.core.reconfiguration import FAILURES, MIN_LINEARISED_CM, Reconfiguration
 from hil.core.start_phase import StartPhase
 from hil.core.state_feedback import StateFeedback
-from hil.core.tanks import TankModel, equilibrium, linearise, nearest_reachable
+from hil.core.tanks import TankModel, equilibrium, linearise
 from hil.core.types import Event, Pair, Quad, Severity, Waterways
 
 REGAIN_V = 0.25

@@ -20,7 +20,7 @@ from tomlkit.items import Array, Comment, Item, Table, Whitespace
 
 from hil.edge.config.rig_file import Rig
 from hil.edge.config.settings_file import Section, SettingsError, merged
-from hil.edge.record.run_folder import writing
+from hil.edge.record.file_writing import writing
 
 Value = float | Sequence[float]
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from hil.edge.config.settings_file import SettingsError, default_config_dir
 
+RIG_TOML = "rig.toml"
 SCENARIOS, CAMPAIGNS, RIGS, BENCHMARKS = "scenarios", "campaigns", "rigs", "benchmarks"
 
 
@@ -35,6 +36,11 @@ def find_rig(rig: str | Path, config_dir: Path | None = None) -> Path:
     Raises SettingsError that lists the shipped names when there is neither.
     """
     return _find(rig, RIGS, config_dir)
+
+
+def rig_file_in_use(rig: str | Path | None, config_dir: Path | None = None) -> Path:
+    """The rig file that is named, see `find_rig`; without a name `rig.toml` of the configuration folder in use."""
+    return (config_dir or default_config_dir()) / RIG_TOML if rig is None else find_rig(rig, config_dir)
 
 
 def find_benchmark(benchmark: str | Path, config_dir: Path | None = None) -> Path:

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO, cast
 
-from hil.edge.record.run_folder import RunFolderError
+from hil.edge.record.record_errors import RunFolderError
 
 COMPRESSIONS = {"zst": ".zst", "gz": ".gz"}
 """Name of a compression -> what it adds to the name of a file."""

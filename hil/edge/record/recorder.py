@@ -1,7 +1,7 @@
 """The recorder: takes steps, frames and events from the control loop and writes them to files.
 
 `Recorder` writes at once, in the caller's thread: for lockstep, where two runs with the same seed must give the same
-bytes. For a live run, where nothing may delay the loop, `hil.edge.record.recorder_process` puts it into a process of
+bytes. For a live run, where nothing may delay the loop, `hil.edge.record.process_recorder` puts it into a process of
 its own. Both have the same methods. A file that fails (a full disk, a lost mount) is closed and the others go on; no
 error reaches the loop. `health()` reports it at once, `events.jsonl` and `run.json` record it.
 """
@@ -15,8 +15,10 @@ from math import nan
 from typing import TYPE_CHECKING, Protocol, TextIO
 
 from hil.core.types import Event, Quad, Severity, TickRecord
+from hil.edge.record.manifest import Status
+from hil.edge.record.record_errors import RunFolderError
 from hil.edge.record.record_format import Row, TickFormat, event_line, frame_line
-from hil.edge.record.run_folder import RunFolder, RunFolderError, Status
+from hil.edge.record.run_folder import RunFolder
 from hil.edge.record.signals import UNKNOWN_LEVELS, Step, recorded
 
 if TYPE_CHECKING:  # it takes longer to import than all the rest of the recorder's process

@@ -10,9 +10,6 @@ The file format is young; `ticks.csv`, `can.log` and `events.jsonl` are the prim
 
 from __future__ import annotations
 
-import subprocess
-import sys
-import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -26,10 +23,11 @@ import rerun.blueprint as rrb
 from hil.core.types import Event, Mode
 from hil.edge.record.coarse_rows import extreme_rows
 from hil.edge.record.diagnosis_bands import DiagnosisBands
+from hil.edge.record.manifest import RunMode
 from hil.edge.record.new_folder import disk_error
 from hil.edge.record.picture_model import PictureModel
 from hil.edge.record.record_format import Row
-from hil.edge.record.run_folder import RunMode
+from hil.edge.record.rerun_calls import COMPACT_TIMEOUT_S, abandon, call_within, compact
 from hil.edge.record.run_states import NO_STATE, STATES, pump_state
 from hil.edge.record.signals import Signal, recorded
 from hil.edge.record.tank_picture import TankPicture
@@ -39,7 +37,6 @@ APPLICATION = "fourtank-hil"
 FLUSH_TIMEOUT_S = 2.0
 CALL_TIMEOUT_S = 5.0
 """For each call of Rerun that reaches its file: one that meets a full disk may wait for ever."""
-COMPACT_TIMEOUT_S = 60.0
 COARSE_BATCH = 250
 """Steps of a long run that are sent together at least; if the run is killed, they are missing in run.rrd alone."""
 
@@ -264,50 +261,7 @@ class RerunLog:
             self._states.setdefault(entity, []).append((t_s, state))
 
 
-def call_within(timeout_s: float, call: Callable[[], None]) -> None:
-    """Make the call in a thread of its own. Raises TimeoutError when it takes too long; the thread is then abandoned.
-
-    Rerun hands what it gets to a thread that writes; where that one has ended by a full disk, its caller may never
-    return.
-    """
-    errors: list[BaseException] = []
-
-    def work() -> None:
-        try:
-            call()
-        except BaseException as error:  # noqa: BLE001 - raised again by the caller's thread
-            errors.append(error)
-
-    thread = threading.Thread(target=work, name="rerun", daemon=True)
-    thread.start()
-    thread.join(timeout_s)
-    if thread.is_alive():
-        raise TimeoutError(f"Rerun has not answered for {timeout_s:g} s")
-    if errors:
-        raise errors[0]
-
-
-def abandon(recording: rr.RecordingStream) -> None:
-    """Never touch the recording again: what Rerun does when it is released, or at the exit, may wait for the writer."""
-    rr.unregister_shutdown()
-    threading.Thread(target=lambda: (recording, threading.Event().wait()), name="abandoned", daemon=True).start()
-
-
 def time_column(times_s: Floats) -> rr.TimeColumn:
     """Times in s on the timeline of a recording."""
     nanoseconds = np.round(times_s * 1e9).astype("timedelta64[ns]")
     return rr.TimeColumn(TIMELINE, duration=nanoseconds)
-
-
-def compact(path: Path, timeout_s: float = COMPACT_TIMEOUT_S) -> None:
-    """Merge the file's small chunks with Rerun's own tool; a killed run's file becomes a whole one by it, too.
-
-    Raises OSError or subprocess.SubprocessError; the file is then as it was.
-    """
-    merged = path.with_name(f".{path.name}.tmp")
-    command = [sys.executable, "-m", "rerun_cli", "rrd", "optimize", str(path), "-o", str(merged)]
-    try:
-        subprocess.run(command, check=True, capture_output=True, timeout=timeout_s)  # noqa: S603 - our own paths
-        merged.replace(path)
-    finally:
-        merged.unlink(missing_ok=True)

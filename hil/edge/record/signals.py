@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from hil.core.types import Quad, TickRecord
-from hil.edge.record.run_folder import RunMode
+from hil.edge.record.manifest import RunMode
 
 # Colours for the viewer's dark background, as RGBA: measured values are dim, estimates and commands are bright,
 # references are white or grey.

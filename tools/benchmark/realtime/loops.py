@@ -28,13 +28,14 @@ from hil import runtime
 from hil.bench import assembly
 from hil.bench.open_record import TimelineSettings, open_record
 from hil.bench.run_options import timeline_of
+from hil.bench.run_plan import run_plan
 from hil.core.controller import ControllerConfig
 from hil.core.types import Event, Quad, TickRecord, Timing
 from hil.edge.can.bus import BusAddress, BusPort
 from hil.edge.host import realtime
 from hil.edge.host.clock import MonotonicClock
 from hil.edge.host.realtime import RealTime
-from hil.edge.record.recorder_process import ProcessRecorder
+from hil.edge.record.process_recorder import ProcessRecorder
 from hil.edge.record.run_folder import RunFolder
 from hil.loop import Outcome
 from hil.review import viewer
@@ -197,7 +198,7 @@ def _recorder(kind: str, folder: Path, bench: assembly.Bench, config: Controller
     if kind == "off":
         yield None
         return
-    run = RunFolder.create(folder, assembly.run_plan(bench, is_live=True, seed=None))
+    run = RunFolder.create(folder, run_plan(bench, is_live=True, seed=None))
     timeline = TimelineSettings(bench.rig.tank_model.level_gain_V_cm, config.duration_s)
     if kind != "process":
         timeline = timeline_of(bench.rig, config.duration_s)  # with the picture, as `hil run`
