@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import gc
+import sys
 from collections.abc import Iterable, Iterator
 from importlib import import_module, reload
 from importlib.util import find_spec
 from pathlib import Path
+from traceback import clear_frames
 from types import ModuleType
 
 import can
@@ -57,10 +60,22 @@ def _read_with_reader(path: Path) -> FrameLog:
         raise
     except Exception as error:  # noqa: BLE001 - the readers raise what they meet, of many kinds, on a damaged file
         what = " ".join(str(error).split())[:200] or type(error).__name__
+        _discard(error)
         if not entries:
             raise ReplayError(f"{path} can't be read as {path.suffix[1:].upper()}: {what}") from None
         doubts = (f"{path.name} can be read up to its frame {len(entries)}, then: {what}",)
     return frame_log(entries, doubts)
+
+
+def _discard(error: Exception) -> None:
+    """Remove what a reader had opened; asammdf's then fails a second time, which Python would show as a traceback."""
+    shown, sys.unraisablehook = sys.unraisablehook, lambda _: None
+    try:
+        clear_frames(error.__traceback__)
+        error.__traceback__ = error.__context__ = error.__cause__ = None
+        gc.collect()
+    finally:
+        sys.unraisablehook = shown
 
 
 def _reader(path: Path) -> MessageReader:

@@ -21,12 +21,19 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     """The options."""
     group = parser.getgroup("hil", "four-tank bench")
     group.addoption("--hil", action="store_true", help=f"collect *{SUFFIX} as tests, and give the fixtures of hil")
-    group.addoption("--hil-seed", type=int, default=1, metavar="N", help="seed of the emulator's noise (default: 1)")
+    group.addoption("--hil-seed", type=_seed, default=1, metavar="N", help="seed of the emulator's noise (default: 1)")
     group.addoption(
         "--hil-rig", metavar="RIG", help="a rig file, or the name of a shipped one, for collected scenarios"
     )
     group.addoption("--hil-out", metavar="DIR", help="folder for the run folders and reports of collected scenarios")
     parser.addini(INI, f"collect *{SUFFIX} as tests, and give the fixtures of hil", type="bool", default=False)
+
+
+def _seed(text: str) -> int:
+    """Raise ValueError, which pytest names with the option."""
+    if not text.isdecimal():
+        raise ValueError(text)
+    return int(text)
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -83,7 +83,9 @@ class ScenarioItem(pytest.Item):
             if judged.error:
                 raise LimitNotKeptError(judged.error)
             return
-        verdict = next(one for one in judged.verdicts if one.name == self.limit)
+        verdict = next((one for one in judged.verdicts if one.name == self.limit), None)
+        if verdict is None:  # the run has no record to judge
+            raise LimitNotKeptError(judged.error)
         self._report(verdict)
         if not verdict.is_passed:
             raise LimitNotKeptError(failure_text(verdict))

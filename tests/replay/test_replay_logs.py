@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import shutil
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,7 @@ from hil.edge.config.settings_file import default_config_dir
 from hil.edge.record.run_folder import RunFolder
 from hil.replay.folder_steps import read_folder_steps
 from hil.replay.frame_log import ReplayError
-from hil.replay.log_reader import mf4_module
+from hil.replay.log_reader import mf4_module, read_log
 from hil.replay.log_steps import read_log_steps
 from hil.replay.replay_run import ReplayOptions, replay
 from hil.wire.contract import Contract
@@ -75,6 +77,22 @@ def test_every_format_gives_the_same_steps(
     """Times within a microsecond, frames by the identifiers of the DBC."""
     other, plain = log_of(frames, tmp_path / f"bench{suffix}"), log_of(frames, tmp_path / "bench.log")
     assert times_and_reads(other, contract) == times_and_reads(plain, contract)
+
+
+@pytest.mark.long
+def test_a_cut_off_file_of_measurement_is_refused_without_a_traceback(
+    frames: list[can.Message], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The library's half-opened file failed again when it was removed, and Python printed that."""
+    whole = log_of(frames[:200], tmp_path / "whole.mf4").read_bytes()
+    cut = tmp_path / "cut.mf4"
+    cut.write_bytes(whole[: len(whole) // 2])
+    shown: list[Any] = []
+    monkeypatch.setattr(sys, "unraisablehook", shown.append)
+    with pytest.raises(ReplayError, match=r"cut\.mf4 can't be read as MF4"):
+        read_log(cut)
+    gc.collect()
+    assert shown == []
 
 
 def test_an_unordered_log_is_sorted_and_says_so(frames: list[can.Message], contract: Contract, tmp_path: Path) -> None:
