@@ -442,6 +442,12 @@ def test_an_option_out_of_range_is_named_with_value_and_range(command_line: Comm
     assert_refused(command_line("hil", "simulate", before, "--duration", -5), "--duration", "-5", "at least 0")
 
 
+def test_the_emulators_console_without_a_panel_is_refused(command_line: CommandLine, before: Path) -> None:
+    """The option was accepted and did nothing."""
+    before.write_text(scenario_text())
+    assert_refused(command_line("hil", "run", before, "--emulator", "emulator.sock"), "emulator.sock", "--panel")
+
+
 def test_an_unknown_scenario_of_the_emulator_is_answered_by_the_shipped_names(command_line: CommandLine) -> None:
     """It once said only that a file can't be read."""
     result = command_line("firmware-sim", "--slcan", 0, "--scenario", "pumploss")

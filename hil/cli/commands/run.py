@@ -97,6 +97,8 @@ def run(
     """Run a scenario in real time on a CAN bus: the rig's, or the emulator's (firmware-sim). Moves pumps."""
     from hil.edge.host.realtime import parse_request
 
+    if emulator is not None and not panel:
+        raise typer.BadParameter(f"--emulator {emulator}: is for the panel; give --panel as well")
     wanted = parse_request(realtime, priority, cpu)  # before numpy is loaded: it starts threads
     from hil.bench import assembly, bus_choice, live_run, run_options
     from hil.cli import run_display
