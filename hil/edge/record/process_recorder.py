@@ -75,7 +75,7 @@ class ProcessRecorder:
         self._errors: tuple[str, ...] = ()
         self._t_s = 0.0
         self._lost_at_s: float | None = None
-        self._told, self._has_told_drop = 0, False
+        self._reported, self._has_reported_drop = 0, False
 
     def __enter__(self) -> ProcessRecorder:
         """Nothing to do: the process is on its way up."""
@@ -138,13 +138,13 @@ class ProcessRecorder:
 
     def troubles(self) -> tuple[Event, ...]:
         """What has failed since the last call, for an operator; the record says it as far as it can."""
-        if len(self._errors) == self._told and (self._dropped == 0 or self._has_told_drop):
+        if len(self._errors) == self._reported and (self._dropped == 0 or self._has_reported_drop):
             return ()
         code = "recorder_failed" if self._lost_at_s is None else "recorder_lost"
-        found = [Event(Severity.ERROR, code, text) for text in self._errors[self._told :]]
-        self._told = len(self._errors)
-        if self._dropped and not self._has_told_drop:
-            self._has_told_drop = True
+        found = [Event(Severity.ERROR, code, text) for text in self._errors[self._reported :]]
+        self._reported = len(self._errors)
+        if self._dropped and not self._has_reported_drop:
+            self._has_reported_drop = True
             found.append(Event(Severity.WARNING, "record_dropped", "the record has gaps: the recorder can't keep up"))
         return tuple(found)
 
