@@ -55,9 +55,8 @@ unit: $(READY)   ## the test suite: on all cores, then live runs beside each oth
 	$(BIN)/python -m pytest -n $(LIVE_WORKERS) --dist loadgroup --no-loadscope-reorder -m "live and not timing and not long" tests/live
 	$(BIN)/python -m pytest -m "timing and not long" tests/live
 
-# whole runs first: after the tests of the port, this guest is too slow for them, see docs/decisions/0014-guest-kernel.md
 test-socketcan: $(READY)  ## the tests on the kernel's CAN buses, in a guest where this kernel has none
-	@$(BIN)/python -m tools.guest test tests/socketcan/test_socketcan_runs.py
+	@$(BIN)/python -m tools.guest test
 
 test-long: long mutants  ## both: ten minutes on two cores, with make -j2
 

@@ -53,7 +53,7 @@ def _script(command: list[str]) -> str:
 def _qemu(kernel: Kernel, initramfs: Path, job: Path, console: Path) -> list[str]:
     """QEMU's command line. Translated, without KVM, which does not always work where a virtual machine offers it."""
     arguments = f"""
-        -accel tcg -icount shift=1,sleep=off -cpu max -machine pc -m {MEMORY_MB} -smp {CPUS}
+        -accel tcg -icount shift=0,sleep=off -cpu max -machine pc -m {MEMORY_MB} -smp {CPUS}
         -nodefaults -no-user-config -display none -monitor none -no-reboot
         -serial file:{console}
         -chardev file,id=out,path=/proc/self/fd/1,append=on
