@@ -25,7 +25,7 @@ from tests.waiting import wait_for
 
 
 @pytest.fixture
-def stranger() -> Iterator[subprocess.Popen[bytes]]:
+def other_process() -> Iterator[subprocess.Popen[bytes]]:
     """A process that is said to be the run's, and may be stopped."""
     with subprocess.Popen([sys.executable, "-c", "import signal; signal.pause()"]) as process:
         yield process
@@ -118,33 +118,33 @@ def test_a_run_without_its_channel_is_listed_and_stopped_by_a_signal(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-    stranger: subprocess.Popen[bytes],
+    other_process: subprocess.Popen[bytes],
     number: signal.Signals,
 ) -> None:
     """`hil ctl stop` said that no run goes on while the pumps ran, when only the channel's process was gone."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     with ControlChannel() as channel:
-        channel.open(settings(tmp_path / "control.sock", stranger.pid), CONFIG)
+        channel.open(settings(tmp_path / "control.sock", other_process.pid), CONFIG)
         os.kill(channel._process.pid, number)
         if number is signal.SIGKILL:
             channel._process.wait(5.0)
-        assert [run.pid for run in running_runs()] == [stranger.pid]
+        assert [run.pid for run in running_runs()] == [other_process.pid]
         if number is signal.SIGKILL:
             assert ctl("hold") == exit_codes.NOT_DONE
-            assert f"process {stranger.pid} goes on" in capsys.readouterr().err
+            assert f"process {other_process.pid} goes on" in capsys.readouterr().err
         assert ctl("stop") == 0
-        assert f"SIGTERM sent to process {stranger.pid}" in capsys.readouterr().out
-        assert stranger.wait(5.0) == -signal.SIGTERM
+        assert f"SIGTERM sent to process {other_process.pid}" in capsys.readouterr().out
+        assert other_process.wait(5.0) == -signal.SIGTERM
         assert running_runs() == []
         channel._process.kill()
 
 
 def test_nobody_else_can_name_the_process_that_a_stop_ends(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stranger: subprocess.Popen[bytes]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, other_process: subprocess.Popen[bytes]
 ) -> None:
     """A list that others may write to, or an entry whose process is a later one with the same number."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    place = ListeningPlace(tmp_path / "a.sock", settings(tmp_path / "a.sock", stranger.pid).run)
+    place = ListeningPlace(tmp_path / "a.sock", settings(tmp_path / "a.sock", other_process.pid).run)
     with place.listener:
         (entry,) = (tmp_path / "fourtank-hil").glob("*.json")
         assert len(running_runs()) == 1
@@ -154,4 +154,4 @@ def test_nobody_else_can_name_the_process_that_a_stop_ends(
         start = running_runs()[0].process_start
         entry.write_text(entry.read_text().replace(f'"{start}"', '"1"'))
         assert running_runs() == []
-    assert stranger.poll() is None
+    assert other_process.poll() is None
