@@ -24,6 +24,7 @@ from dataclasses import dataclass, replace
 from math import inf, isfinite
 
 from hil.core.interlocks import Belief, Limits, levels_cm
+from hil.core.quick_records import quickly_built
 from hil.core.tanks import LinearModel, linearise, pump_matrix
 from hil.core.types import Diagnosis, Event, Inputs, Mode, OpenQuestion, Pair, Quad, Severity
 
@@ -85,6 +86,7 @@ class ProbeConfig:
 NO_PROBE = ProbeConfig()
 
 
+@quickly_built
 @dataclass(frozen=True, slots=True)
 class Occasion:
     """What one step knows besides the probe's state.
@@ -102,6 +104,7 @@ class Occasion:
     end_s: float = inf
 
 
+@quickly_built
 @dataclass(frozen=True, slots=True)
 class ProbeState:
     """State of the probe between two steps.
@@ -132,6 +135,11 @@ class ProbeState:
         """Whether the pumps move for the probe."""
         return isfinite(self.begun_s)
 
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether there is nothing to move, to follow or to ask, until a question is open."""
+        return self.question is None and self.linear is None and not self.is_moving
+
 
 Step = tuple[ProbeState, tuple[Event, ...]]
 IDLE = ProbeState()
@@ -161,7 +169,7 @@ def step(config: ProbeConfig, limits: Limits, probe: ProbeState, at: Occasion, t
 
 def has_nothing_to_do(config: ProbeConfig, probe: ProbeState, diagnosis: Diagnosis) -> bool:
     """Whether a step would change nothing: no probe is allowed, or none is under way and no question is open."""
-    return not config.is_allowed or (probe is IDLE and diagnosis.open_question is None)
+    return not config.is_allowed or (probe.is_at_rest and diagnosis.open_question is None)
 
 
 def reason_to_wait(config: ProbeConfig, limits: Limits, question: OpenQuestion, at: Occasion, t_s: float) -> str:

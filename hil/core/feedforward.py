@@ -28,12 +28,13 @@ Why: docs/decisions/0037-feedforward.md.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from math import exp, sqrt
+from dataclasses import dataclass, field, replace
+from math import exp, inf, sqrt
 
 import numpy as np
 from scipy.linalg import solve_continuous_are
 
+from hil.core.quick_records import quickly_built
 from hil.core.tanks import Array, TankModel, equilibrium, level_rates, linearise, outflows, transmission_zeros
 from hil.core.types import Pair, Quad
 
@@ -84,13 +85,16 @@ MAX_PERIODS = 5
 UPPER_OF_PUMP = (3, 2)
 """The upper tank that pump 1 and pump 2 feed."""
 
+LqrGain = tuple[tuple[float, ...], tuple[float, ...]]
+
 
 @dataclass(frozen=True, slots=True)
 class PathLimits:
     """What the pumps allow, for drives of healthy pumps, and the level that trips.
 
     drives_V : smallest and largest drive, of pump 1 and of pump 2. rate_V_s : (2,) largest rate of the drives. lag_s,
-    delay_s : (2,) of the pumps. level_max_cm : of every tank. period_s : of the control.
+    delay_s : (2,) of the pumps. level_max_cm : of every tank. period_s : of the control. decay : (2,) what a lag leaves
+    of a gap after a period, from the others: it is needed at every step.
     """
 
     drives_V: tuple[Pair, Pair]
@@ -99,38 +103,38 @@ class PathLimits:
     level_max_cm: float
     period_s: float
     delay_s: Pair = (0.0, 0.0)
+    decay: Pair = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        first, second = (exp(-self.period_s / lag_s) if lag_s > 0.0 else 0.0 for lag_s in self.lag_s)
+        object.__setattr__(self, "decay", (first, second))
 
     def with_effectiveness(self, effectiveness: Pair) -> PathLimits:
         """The limits in effective drives, for pumps that have lost gain."""
         (t1, t2), ((a1, b1), (a2, b2)), (r1, r2) = effectiveness, self.drives_V, self.rate_V_s
         return replace(self, drives_V=((t1 * a1, t1 * b1), (t2 * a2, t2 * b2)), rate_V_s=(t1 * r1, t2 * r2))
 
-    def without(self, feedback_V: Pair) -> PathLimits:
+    def ranges_beside(self, feedback_V: Pair) -> tuple[Pair, Pair]:
         """What is left to the path of the drives' ranges, while feedback adds feedback_V (2,), effective."""
         (f1, f2), ((a1, b1), (a2, b2)) = feedback_V, self.drives_V
-        return PathLimits(  # at every step: a third of the time of `replace`
-            drives_V=((a1 - f1, b1 - f1), (a2 - f2, b2 - f2)),
-            rate_V_s=self.rate_V_s,
-            lag_s=self.lag_s,
-            level_max_cm=self.level_max_cm,
-            period_s=self.period_s,
-            delay_s=self.delay_s,
-        )
+        return (a1 - f1, b1 - f1), (a2 - f2, b2 - f2)
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
     """Where a path leads: what holds the lower levels wanted, by the model.
 
-    level_cm : (4,) at rest. drive_V : (2,) effective drives that hold them. gain : (2, 4) LQR gain in V/cm where the
-    outputs can't be moved each by its own pump, otherwise None.
+    level_cm : (4,) at rest. drive_V : (2,) effective drives that hold them. outflow_cm3_s : (2,) of the lower tanks at
+    rest. gain : (2, 4) LQR gain in V/cm where the outputs can't be moved each by its own pump, otherwise None.
     """
 
     level_cm: Quad
     drive_V: Pair
-    gain: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+    outflow_cm3_s: Pair
+    gain: LqrGain | None = None
 
 
+@quickly_built
 @dataclass(frozen=True, slots=True)
 class FeedforwardPath:
     """Where the path is at one step.
@@ -155,7 +159,14 @@ def target_of(model: TankModel, drive_V: Pair) -> Target:
     """The target that these effective drives (2,) hold."""
     held_V = max(drive_V[0], 0.0), max(drive_V[1], 0.0)
     levels = equilibrium(model, held_V)
-    return Target(levels, held_V, coupled_gain(model, levels))
+    return target_at(model, levels, held_V, coupled_gain(model, levels))
+
+
+def target_at(model: TankModel, level_cm: Quad, drive_V: Pair, gain: LqrGain | None) -> Target:
+    """The target at these levels (4,), which the effective drives (2,) hold."""
+    (a1, a2, _, _), (h1, h2, _, _), (d1, d2, _, _) = model.outlet_cm2, level_cm, model.datum_cm
+    squared = 2.0 * model.gravity_cm_s2
+    return Target(level_cm, drive_V, (a1 * sqrt(squared * (h1 + d1)), a2 * sqrt(squared * (h2 + d2))), gain)
 
 
 def at_rest(target: Target, limits: PathLimits) -> FeedforwardPath:
@@ -181,17 +192,20 @@ def advance(
     estimate_cm: Quad | None,
     rate_cm_s: Pair = (0.0, 0.0),
     periods: int = 1,
+    feedback_V: Pair = (0.0, 0.0),
 ) -> FeedforwardPath:
     """The path at the next step, with the drives from then on.
 
     limits : in effective drives. estimate_cm : (4,) level estimate at the next step, None if the path is not to follow
     it. rate_cm_s : (2,) at which the target's lower levels move. periods : of the control since the last step.
+    feedback_V : (2,) effective drives that feedback adds.
     """
     for _ in range(min(max(periods, 0), MAX_PERIODS)):
         path = moved(model, limits, path)
     if estimate_cm is not None:
         path = _following(model, limits, path, target, estimate_cm)
-    drive_V = _drives(model, limits, path, target, rate_cm_s)
+    wanted_V = _wanted(model, limits, path, target, rate_cm_s)
+    drive_V = _limited(model, limits, limits.ranges_beside(feedback_V), path, target, wanted_V)
     return FeedforwardPath(path.level_cm, path.flow_V, drive_V, path.under_way)
 
 
@@ -200,8 +214,9 @@ def moved(model: TankModel, limits: PathLimits, path: FeedforwardPath) -> Feedfo
     dt, h, (lag1, lag2), (flow1, flow2) = limits.period_s, path.level_cm, limits.lag_s, path.flow_V
     arriving1, queue1 = _arriving(path, 0)
     arriving2, queue2 = _arriving(path, 1)
-    flow1, mean1 = _lagged(arriving1, flow1, lag1, dt)
-    flow2, mean2 = _lagged(arriving2, flow2, lag2, dt)
+    (decay1, decay2), gap1, gap2 = limits.decay, flow1 - arriving1, flow2 - arriving2
+    flow1, mean1 = arriving1 + gap1 * decay1, arriving1 + gap1 * (1.0 - decay1) * lag1 / dt
+    flow2, mean2 = arriving2 + gap2 * decay2, arriving2 + gap2 * (1.0 - decay2) * lag2 / dt
     drive = (mean1, mean2)
     first = level_rates(model, h, drive)
     second = level_rates(model, _shifted(model, h, first, dt), drive)
@@ -214,13 +229,6 @@ def _arriving(path: FeedforwardPath, pump: int) -> tuple[float, tuple[float, ...
     """The drive of a pump that arrives in the next period, and those that are under way after it."""
     waiting = path.under_way[pump]
     return (waiting[0], (*waiting[1:], path.drive_V[pump])) if waiting else (path.drive_V[pump], ())
-
-
-def _lagged(drive_V: float, before_V: float, lag_s: float, dt: float) -> Pair:
-    """The lagged drive at the end of a period, and its mean. before_V : at its beginning."""
-    decay = exp(-dt / lag_s) if lag_s > 0.0 else 0.0
-    gap = before_V - drive_V
-    return drive_V + gap * decay, drive_V + gap * (1.0 - decay) * lag_s / dt
 
 
 def _shifted(model: TankModel, level_cm: Quad, rate_cm_s: Quad, dt: float) -> Quad:
@@ -253,21 +261,16 @@ def _following(
     return replace(path, level_cm=(levels[0], levels[1], levels[2], levels[3]))
 
 
-def _drives(model: TankModel, limits: PathLimits, path: FeedforwardPath, target: Target, rate_cm_s: Pair) -> Pair:
-    """(2,) effective drives for the next period."""
+def _wanted(model: TankModel, limits: PathLimits, path: FeedforwardPath, target: Target, rate_cm_s: Pair) -> Pair:
+    """(2,) effective drives for the next period, before all limits."""
     if target.gain is None:
-        wanted = _decoupled(model, limits, path, target, rate_cm_s)
-    else:
-        x = [h - rest for h, rest in zip(path.level_cm, target.level_cm, strict=True)]
-        rows = (sum(k * value for k, value in zip(row, x, strict=True)) for row in target.gain)
-        wanted = [held - moved for held, moved in zip(target.drive_V, rows, strict=True)]
-    first = _limited(model, limits, path, target, 0, wanted[0])
-    return first, _limited(model, limits, path, target, 1, wanted[1])
+        return _decoupled(model, limits, path, target, rate_cm_s)
+    x = [h - rest for h, rest in zip(path.level_cm, target.level_cm, strict=True)]
+    first, second = (sum(k * value for k, value in zip(row, x, strict=True)) for row in target.gain)
+    return target.drive_V[0] - first, target.drive_V[1] - second
 
 
-def _decoupled(
-    model: TankModel, limits: PathLimits, path: FeedforwardPath, target: Target, rate_cm_s: Pair
-) -> list[float]:
+def _decoupled(model: TankModel, limits: PathLimits, path: FeedforwardPath, target: Target, rate_cm_s: Pair) -> Pair:
     out, approach_s = outflows(model, path.level_cm, path.flow_V), max(APPROACH_S, limits.period_s)
     wanted = []
     for i in (0, 1):
@@ -278,26 +281,44 @@ def _decoupled(
         if path.under_way[i]:
             ahead -= limits.period_s * sum(drive - hold for drive in path.under_way[i])
         wanted.append(hold + ahead / approach_s)
-    return wanted
+    return wanted[0], wanted[1]
 
 
 def _limited(
-    model: TankModel, limits: PathLimits, path: FeedforwardPath, target: Target, pump: int, wanted_V: float
-) -> float:
-    """The drive of one pump within range, rate, and what the tank above may take."""
-    (low, high), held = limits.drives_V[pump], target.drive_V[pump]
-    margin = RANGE_MARGIN * (high - low)
-    least = low + min(margin, ROOM_SHARE * max(held - low, 0.0))
-    most = high - min(margin, ROOM_SHARE * max(high - held, 0.0))
-    floor, ceiling = _upper_bounds(model, limits, path, target, pump)
-    drive = min(max(wanted_V, floor), ceiling)
-    step = RATE_SHARE * limits.rate_V_s[pump] * limits.period_s
-    before = path.drive_V[pump]
-    drive = min(max(drive, before - step), before + step)
-    return min(max(drive, least), most)
+    model: TankModel,
+    limits: PathLimits,
+    ranges_V: tuple[Pair, Pair],
+    path: FeedforwardPath,
+    target: Target,
+    wanted_V: Pair,
+) -> Pair:
+    """(2,) the drives within range, rate, and what the tanks above may take."""
+    (low1, high1), (low2, high2) = ranges_V
+    margins = (RANGE_MARGIN * (high1 - low1), RANGE_MARGIN * (high2 - low2))
+    drives = []
+    for pump in (0, 1):
+        (low, high), margin, held = ranges_V[pump], margins[pump], target.drive_V[pump]
+        room_below = ROOM_SHARE * (held - low if held > low else 0.0)
+        room_above = ROOM_SHARE * (high - held if high > held else 0.0)
+        least = low + (margin if margin < room_below else room_below)
+        most = high - (margin if margin < room_above else room_above)
+        floor, ceiling = _upper_bounds(model, limits, ranges_V, margins, path, target, pump)
+        step, before = RATE_SHARE * limits.rate_V_s[pump] * limits.period_s, path.drive_V[pump]
+        drive = min(max(wanted_V[pump], floor), ceiling)
+        drive = min(max(drive, before - step), before + step)
+        drives.append(min(max(drive, least), most))
+    return drives[0], drives[1]
 
 
-def _upper_bounds(model: TankModel, limits: PathLimits, path: FeedforwardPath, target: Target, pump: int) -> Pair:
+def _upper_bounds(
+    model: TankModel,
+    limits: PathLimits,
+    ranges_V: tuple[Pair, Pair],
+    margins: Pair,
+    path: FeedforwardPath,
+    target: Target,
+    pump: int,
+) -> Pair:
     """Smallest and largest drive of a pump for the tank above, so that the output below it can be held at its target.
 
     The output below needs hold = (outflow - what arrives from above) / effect of its own pump, within its range.
@@ -306,30 +327,27 @@ def _upper_bounds(model: TankModel, limits: PathLimits, path: FeedforwardPath, t
     area, datum, per_root = model.area_cm2[upper], model.datum_cm[upper], model.outlet_flow[upper]
     per_drive = (1.0 - model.valve_split[pump]) * model.pump_gain_cm3_Vs[pump]
     if per_drive <= 0.0:
-        return -np.inf, np.inf
+        return -inf, inf
     level, rest = path.level_cm[upper], target.level_cm[upper]
-    own_effect = model.valve_split[below] * model.pump_gain_cm3_Vs[below]
-    (low, high), arriving = limits.drives_V[below], model.arriving[upper - 2]
-    margin = RANGE_MARGIN * (high - low)
-    out_below = model.outlet_cm2[below] * sqrt(
-        2.0 * model.gravity_cm_s2 * (target.level_cm[below] + model.datum_cm[below])
-    )
-    highest = max(limits.level_max_cm - UPPER_MARGIN_CM, rest)
-    lowest = 0.0
+    highest, lowest = max(limits.level_max_cm - UPPER_MARGIN_CM, rest), 0.0
+    arriving = model.arriving[upper - 2]
     if target.gain is None and arriving > 0.0:
+        (low, high), margin, out_below = ranges_V[below], margins[below], target.outflow_cm3_s[below]
+        own_effect = model.valve_split[below] * model.pump_gain_cm3_Vs[below]
         most_out = max((out_below - own_effect * (low + margin)) / arriving, 0.0)
-        least_out = max((out_below - own_effect * (high - margin)) / arriving, 0.0)
         highest = min(highest, max((most_out / per_root) ** 2 - datum, rest))
         if target.drive_V[below] < high - margin:  # a pump that is dead or too weak can't hold its output anyway
+            least_out = max((out_below - own_effect * (high - margin)) / arriving, 0.0)
             lowest = min(max((least_out / per_root) ** 2 - datum, 0.0), rest)
-    out = per_root * sqrt(max(level + datum, 0.0))
+    head = level + datum
+    out = per_root * sqrt(head) if head > 0.0 else 0.0
     ceiling = (out + area * (highest - level) / BARRIER_S) / per_drive
     floor = (out + area * (lowest - level) / BARRIER_S) / per_drive
     floor = min(floor, target.drive_V[pump])  # the tank above never has this pump give more than at rest
     return floor, max(ceiling, floor)
 
 
-def coupled_gain(model: TankModel, level_cm: Quad) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+def coupled_gain(model: TankModel, level_cm: Quad) -> LqrGain | None:
     """LQR gain (2, 4), V/cm, at these levels (4,), for the lower levels' squared errors.
 
     None where each output can be moved by its own pump.

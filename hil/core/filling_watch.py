@@ -17,6 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf
 
+from hil.core.quick_records import quickly_built
 from hil.core.tanks import TankModel, clean_outflow, water_balance
 from hil.core.types import Pair, Quad
 
@@ -52,6 +53,7 @@ BALANCED_RATIO, BALANCED_RISE = 1.08, 1.06
 """Below both, the water speaks against a level that is not shown."""
 
 
+@quickly_built
 @dataclass(frozen=True, slots=True)
 class Filling:
     """The water of one lower tank.
@@ -91,6 +93,7 @@ class Filling:
         return min(max(self.needed_cm3 / self.direct_cm3, low), high)
 
 
+@quickly_built
 @dataclass(frozen=True, slots=True)
 class FillingWatch:
     """State of the watch for the two lower tanks. level_cm : (4,) levels at watched_ns, None at first."""

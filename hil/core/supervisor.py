@@ -33,6 +33,7 @@ from hil.core.interlocks import (
 from hil.core.interlocks import (
     Limits as Limits,
 )
+from hil.core.quick_records import quickly_built
 from hil.core.types import Action, Command, Event, Inputs, Mode, NodeState, Pair, Request, Severity, TripCause
 
 OFF = Command((0.0, 0.0), enable=False)
@@ -51,6 +52,7 @@ ALLOWED_ACTIONS = {
 """The operator requests that each mode allows; others are refused."""
 
 
+@quickly_built
 @dataclass(frozen=True, slots=True)
 class Supervision:
     """State of the supervisor.

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 from hil.core import feedforward, state_feedback
 from hil.core.control_law import Authority, LawInputs
 from hil.core.feedforward import FeedforwardPath, PathLimits, Target
+from hil.core.quick_records import quickly_built
 from hil.core.reconfiguration import Reconfiguration
 from hil.core.state_feedback import StateFeedback
 from hil.core.tanks import TankModel
@@ -35,6 +36,7 @@ NEAR_COUPLED_CM = 2.0
 levels by more there, and feedback on the whole deviation learns it sooner than feedback on that from a path."""
 
 
+@quickly_built
 @dataclass(frozen=True, slots=True)
 class PathState:
     """A path on its way: target, tanks and limits for which it was continued last, and what they were found for."""
@@ -85,11 +87,11 @@ class PathFollower:
             (f1, f2), (dead1, dead2) = feedback_V, base.is_dead
             f1, f2 = 0.0 if dead1 else f1, 0.0 if dead2 else f2
             estimate_cm: Quad | None = inputs.estimate.level_cm
-            left = limits.without((f1, f2))
             if self._is_replanned(state, found, target, inputs):
                 path = _from_the_rig(path, model, limits, base, inputs, (f1, f2))
                 estimate_cm, periods = None, 0
-            path = feedforward.advance(model, left, path, target, estimate_cm, (rate1 / k, rate2 / k), periods)
+            rate_cm_s = (rate1 / k, rate2 / k)
+            path = feedforward.advance(model, limits, path, target, estimate_cm, rate_cm_s, periods, (f1, f2))
         else:
             path = self._taken_along(path, model, limits, base, inputs, feedback_V)
         return PathState(path, target, target_V, model, limits, found)
@@ -131,7 +133,8 @@ class PathFollower:
         if before is not None and model is before.model and level_cm == before.target.level_cm:
             return before.target, target_V
         gain = before.target.gain if before is not None and is_moving and model is before.model else None
-        return Target(level_cm, drive_V, gain or feedforward.coupled_gain(model, level_cm)), target_V
+        gain = gain or feedforward.coupled_gain(model, level_cm)
+        return feedforward.target_at(model, level_cm, drive_V, gain), target_V
 
 
 def _from_the_rig(

@@ -155,7 +155,7 @@ class GlrDetector:
         is_gap = dt > GAP_PERIODS * m.usual_s
         if not is_gap:
             m.usual_s = dt
-        if before_V == applied_V:
+        if before_V == applied_V or not (is_gap or 0.0 in applied_V):
             return 0.0, 0.0
         doubts = [0.0, 0.0]
         for j in PUMPS:
@@ -231,14 +231,13 @@ class GlrDetector:
                 flow_V=strength.flow_V(m),
             )
         stuck = [j in m.declared and m.declared[j].kind == "pump_stuck_on" for j in PUMPS]
-        distrusted = [m.distrusted(i) for i in range(4)]
         proven, refuted = [0.0] * 4, [False] * 4
         for i, lost in m.lost.items():
             proven[i], refuted[i] = lost.proven_V, lost.kind != "sensor_drift"
         return Diagnosis(
             effectiveness=declaration.effectiveness(m),
             new_alarms=tuple(alarms),
-            trusted=(not distrusted[0], not distrusted[1], not distrusted[2], not distrusted[3]),
+            trusted=m.trusted,
             level_V=level_V,
             stuck_on=(stuck[0], stuck[1]),
             is_diverged=self._is_diverged(m, h1),

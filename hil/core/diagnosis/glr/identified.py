@@ -15,13 +15,14 @@ def waterways(config: DetectorConfig, m: Memory) -> Waterways | None:
 
 def of_state(config: DetectorConfig, m: Memory, x: Array) -> Waterways:
     """The same of a filter's state x (N,), whatever was declared."""
-    left1, left2 = (m.declared[j].healthy if j in m.declared else float(x[GAIN + j]) for j in PUMPS)
-    scale1, scale2 = x[SCALE : SCALE + 2].tolist()
-    o1, o2, o3, o4, leak3, leak4 = x[OUTLET : LEAK + 2].tolist()
-    split1, split2 = (min(max(float(config.model.valve_split[i] * x[SPLIT + i]), 0.0), 1.0) for i in range(2))
+    state = x.tolist()  # plain numbers: at every step once a leak is declared, numpy's take several times as long
+    left1, left2 = (m.declared[j].healthy if j in m.declared else state[GAIN + j] for j in PUMPS)
+    scale1, scale2 = state[SCALE : SCALE + 2]
+    o1, o2, o3, o4, leak3, leak4 = state[OUTLET : LEAK + 2]
+    (g1, g2), (part1, part2) = config.model.valve_split.tolist(), state[SPLIT : SPLIT + 2]
     return Waterways(
         outlet=(max(o1, 0.0), max(o2, 0.0), max(o3, 0.0), max(o4, 0.0)),
         leak=(max(leak3, 0.0), max(leak4, 0.0)),
         gain=(left1 * scale1, left2 * scale2),
-        split=(split1, split2),
+        split=(min(max(g1 * part1, 0.0), 1.0), min(max(g2 * part2, 0.0), 1.0)),
     )

@@ -19,7 +19,6 @@ from hil.core.diagnosis.glr.growth import NO_GROWTH
 from hil.core.diagnosis.glr.hypotheses import JUMPS
 from hil.core.diagnosis.glr.model import (
     BIAS,
-    DRIFT,
     GAIN,
     LEAK,
     LEVEL,
@@ -453,12 +452,14 @@ class Memory:
             return MIN_JUMPS
         return _min_jumps(tuple((j, fault.size < 0.0) for j, fault in self.declared.items()))
 
-    def distrusted(self, sensor: int) -> bool:
-        """Whether a sensor's reading must not be used as it is."""
-        if not self.usable[sensor]:
-            return True
-        declared = self.declared
-        return bool(declared) and any(JUMPS[j].state in (BIAS + sensor, DRIFT + sensor) for j in declared)
+    @property
+    def trusted(self) -> tuple[bool, bool, bool, bool]:
+        """Whether each sensor's reading may be used as it is."""
+        trusted = self.usable.copy()
+        for j in self.declared:
+            if JUMPS[j].state >= BIAS:
+                trusted[JUMPS[j].target - 1] = False
+        return trusted[0], trusted[1], trusted[2], trusted[3]
 
 
 MIN_JUMPS = MinJumps(
