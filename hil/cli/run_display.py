@@ -15,10 +15,11 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from hil.bench.assembly import Bench
-from hil.bench.run_record import check_complete
+from hil.bench.run_record import check_complete, incomplete
 from hil.core.controller import Output
 from hil.core.counted import counted
 from hil.core.types import Inputs, Mode
+from hil.edge.record.record_errors import RunFolderError
 from hil.edge.record.run_folder import RunFolder
 from hil.review.kpi import Kpi
 
@@ -132,11 +133,15 @@ def _run_time(t_s: float) -> str:
 
 def finish(console: Console, folder: Path, figures: Kpi, *, with_report: bool) -> None:
     """The key figures, and where everything is. Raises IncompleteRecordError at the end when the record has gaps."""
-    run = RunFolder.open(folder)
+    run = RunFolder(folder)
     if with_report:
         from hil.review.run_report import write_report
 
-        write_report(run)
+        try:
+            write_report(run)
+        except RunFolderError as error:  # a full disk, or the folder has just been removed; the run was made
+            errors = [*figures.recorder.get("errors", ()), str(error)]
+            raise incomplete(run, figures.status, figures.reason, errors) from None
     console.print(f"{figures.scenario}: {figures.status} ({figures.reason})", highlight=False)
     if figures.iae_Vs:
         table = Table()

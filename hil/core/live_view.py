@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import sqrt
+from typing import Any
 
 from hil.core import live_plan, supervisor
 from hil.core.controller import ControllerConfig, ControllerState, Output
@@ -18,7 +19,7 @@ UNKNOWN_PAIR, UNKNOWN_QUAD = (None, None), (None, None, None, None)
 
 def view(
     config: ControllerConfig, state: ControllerState, inputs: Inputs, output: Output, now_ns: int
-) -> dict[str, object]:
+) -> dict[str, Any]:
     """The `state` of docs/reference/control-channel.md. config : with the scenario's references."""
     limits, supervision, loop, record = config.limits, state.supervision, state.loop, output.record
     k, mode = limits.level_gain_V_cm, supervision.mode

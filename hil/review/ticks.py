@@ -241,7 +241,11 @@ def read_events(path: Path) -> tuple[LoggedEvent, ...]:
     """Read the events; a missing file has none, raises RunFolderError for a line that is not an event."""
     if not path.is_file():
         return ()
-    return parse_events(path.read_text(encoding="utf-8", errors="replace"), str(path))
+    try:
+        text = path.read_text(encoding="utf-8", errors="replace")
+    except OSError as error:
+        raise RunFolderError(f"cannot read {path}: {error.strerror}") from error
+    return parse_events(text, str(path))
 
 
 def parse_events(text: str, where: str) -> tuple[LoggedEvent, ...]:

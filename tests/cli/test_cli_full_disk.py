@@ -291,6 +291,22 @@ def test_a_folder_that_is_removed_during_the_run(
     assert not folder.exists()
 
 
+def test_a_folder_that_is_removed_before_its_report_is_written(
+    command_line: CommandLine, scenario: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A traceback, since the key figures had been there; and without one the exit code would say that nothing moved."""
+    folder, real = tmp_path / "run", run_report.write_report
+
+    def remove(run: RunFolder) -> Path:
+        shutil.rmtree(folder)
+        return real(run)
+
+    monkeypatch.setattr(run_report, "write_report", remove)
+    result = command_line("hil", "simulate", scenario, "--out", folder, "--no-rerun")
+    assert result.code == INCOMPLETE, result
+    assert re.fullmatch(rf"hil: {folder}: the record is incomplete: [^\n]+ duration over\n", result.err)
+
+
 def test_a_stop_while_the_record_is_closed_waits_for_that(
     command_line: CommandLine, scenario: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

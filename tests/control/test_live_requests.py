@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from hil.core import controller
+from hil.core.alarm_list import AlarmList
 from hil.core.controller import ControllerConfig, ControllerState, Output
 from hil.core.live_request import Author, LiveAction, LiveRequest
-from hil.core.types import Action, Mode, NodeState, Pair, Request, TripCause
+from hil.core.live_view import view
+from hil.core.types import Action, Event, Mode, NodeState, Pair, Request, Severity, TripCause
+from hil.edge.control.control_channel import MAX_SENT
 from tests.core.core_bench import PERIOD_S, SECOND, Plant, bench_loop, controller_config, inputs, volts
 from tests.narrowing import not_none
 
@@ -170,6 +174,40 @@ def test_an_alarm_is_acknowledged_by_its_key() -> None:
     assert run.ask(LiveAction.ACK, text="bypass:dry_run")[0]
     assert run.ask(LiveAction.SHELVE, text="bypass:dry_run", for_s=10.0)[0]
     assert [row["state"] for row in run.state.alarms.rows(run.t_s)] == ["shelved"]
+
+
+def test_a_bypass_is_answered_with_the_time_that_it_gets() -> None:
+    """The answer named the time asked for, where safety.bypass_max_s allows less."""
+    config = controller_config(bench_loop())
+    run = Run(replace(config, limits=replace(config.limits, bypass_max_s=60.0)))
+    assert run.ask(LiveAction.BYPASS, interlock=TripCause.DRY_RUN, for_s=600.0) == (True, "dry_run bypassed for 60 s")
+
+
+@pytest.mark.parametrize("is_running", [True, False])
+def test_what_fails_beside_the_control_loop_is_in_the_alarm_list(*, is_running: bool) -> None:
+    """A full disk was in the record of the run and nowhere else: its operator heard of it when the run was over."""
+    run, full = Run(), Event(Severity.ERROR, "recorder_failed", "ticks.csv is lost from here on")
+    node = NodeState.READY if is_running else NodeState.BOOT
+    state = run.state if is_running else ControllerState()
+    seen = replace(inputs(volts(run.plant.level_cm), (0.0, 0.0), node), noted=(full,))
+    for now_ns in (run.number * SECOND, (run.number + 1) * SECOND):
+        state, output = controller.step(run.config, state, seen, now_ns)
+        seen = replace(seen, noted=())
+    (row,) = view(run.config, state, seen, output, run.number * SECOND)["alarms"]
+    assert (row["key"], row["state"], row["title"]) == ("recorder_failed", "active", full.text)
+
+
+def test_a_list_of_alarms_that_got_long_still_fits_into_a_state() -> None:
+    """A state with some 500 alarms that nobody had acknowledged did not fit into a message: the channel was lost."""
+    run, alarms = Run(), AlarmList()
+    for number in range(1000):
+        kind = "leak" if number == 3 else "sensor_noise"
+        alarms = alarms.take("alarm", f"alarm {number}", {"number": number + 1, "kind": kind}, float(number))
+    state = replace(run.state, alarms=alarms)
+    shown = view(run.config, state, inputs(volts(run.plant.level_cm)), run.output, run.number * SECOND)
+    assert (len(shown["alarms"]), shown["alarms_more"]) == (100, 900)
+    assert shown["alarms"][0]["title"] == "alarm 3", "the most urgent one"
+    assert len(pickle.dumps(shown)) < MAX_SENT
 
 
 def test_a_law_whose_check_raises_does_not_trip_the_rig(monkeypatch: pytest.MonkeyPatch) -> None:

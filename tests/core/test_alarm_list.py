@@ -55,6 +55,16 @@ def test_an_update_keeps_the_acknowledgement_unless_it_is_more_urgent() -> None:
     assert (row["state"], row["priority"], row["since_s"], row["count"]) == ("active", "high", 2.0, 1)
 
 
+def test_a_hidden_alarm_that_becomes_more_urgent_is_shown() -> None:
+    """A leak was hidden for an hour because somebody had shelved the noise that it was taken for at first."""
+    hidden, _ = after((1.0, "alarm", alarm(1, "sensor_noise"))).shelve("alarm:1", 3600.0, 2.0)
+    same = hidden.take("alarm", "sensor_noise 1", alarm(1, "sensor_noise"), 3.0)
+    assert states(same, 3.0) == {"alarm:1": "shelved"}
+    worse = hidden.take("alarm", "leak 1", alarm(1, "leak"), 3.0)
+    assert states(worse, 3.0) == {"alarm:1": "active"}
+    assert worse.unattended(10.0, 13.0) == "leak 1"
+
+
 def test_the_most_urgent_comes_first_and_what_is_hidden_last() -> None:
     alarms = after(
         (1.0, "bypass", {"interlock": "dry_run"}),

@@ -203,6 +203,20 @@ def test_folder_removed_mid_run_does_not_raise(folder: RunFolder) -> None:
     assert "run.json" in recorder.health().errors[-1]
 
 
+@pytest.mark.parametrize("name", ["can.log", "sent.log", "ticks.csv", "events.jsonl"])
+@pytest.mark.parametrize("is_flushed", [True, False])
+def test_a_file_that_somebody_removes_is_missed(folder: RunFolder, name: str, *, is_flushed: bool) -> None:
+    """A run went on into a file without a name; the record was called complete, its report without any event."""
+    recorder = Recorder.open(folder)
+    (folder.path / name).unlink()
+    if is_flushed:
+        recorder.event(0.0, Event(Severity.INFO, "any", "any"))
+        recorder.flush_files()
+        assert recorder.health().errors == (f"{name} is lost from here on: somebody has removed it",)
+    recorder.close("complete", "")
+    assert folder.manifest().recorder["errors"] == [f"{name} is lost from here on: somebody has removed it"]
+
+
 def test_a_broken_timeline_is_given_up_and_the_files_go_on(folder: RunFolder) -> None:
     recorder = Recorder.open(folder, timeline=BrokenTimeline())
     for record, _ in toy.steps(until_s=1.0):

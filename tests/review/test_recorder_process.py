@@ -133,7 +133,11 @@ def test_a_full_disk_shows_in_health_and_never_raises_into_the_loop(folder: RunF
             recorder.tick(next(toy.steps())[0])
             return not recorder.health().is_ok
 
+        assert recorder.troubles() == ()
         wait_for(is_reported)
+        (trouble,) = recorder.troubles()
+        assert (trouble.code, trouble.text[:17]) == ("recorder_failed", "ticks.csv is lost")
+        assert recorder.troubles() == (), "once"
         recorder.close("complete", "")
     assert "ticks.csv is lost" in recorder.health().errors[0]
     assert folder.can_log_path.read_text().count("\n") == 15 * 50 + 1, "the other files go on"
@@ -154,6 +158,8 @@ def test_a_lost_recorder_does_not_hurt_the_loop_and_the_folder_says_so(folder: R
             recorder.tick(record)
         assert "the recorder is lost" in recorder.health().errors[0]
         assert recorder.health().dropped >= 600
+        assert {trouble.code for trouble in recorder.troubles()} == {"recorder_lost", "record_dropped"}
+        assert recorder.troubles() == ()
         recorder.close("complete", "duration over")
     manifest = folder.manifest()
     assert (manifest.status, manifest.reason) == ("complete", "duration over")

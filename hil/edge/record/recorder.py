@@ -8,6 +8,7 @@ error reaches the loop. `health()` reports it at once, `events.jsonl` and `run.j
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
@@ -75,8 +76,10 @@ class _Sink:
                 self._file.flush()
             except (OSError, ValueError) as error:
                 self._give_up(error)
+            self._check()
 
     def close(self) -> None:
+        self._check()
         if self._is_open:
             try:
                 self._file.close()
@@ -84,7 +87,13 @@ class _Sink:
             except OSError as error:
                 self._give_up(error)
 
-    def _give_up(self, error: Exception) -> None:
+    def _check(self) -> None:
+        """Give up a file that somebody has removed: the system would write on, into a file without a name."""
+        with suppress(OSError, ValueError):  # closed, or no file of the system's
+            if self._is_open and os.fstat(self._file.fileno()).st_nlink == 0:
+                self._give_up("somebody has removed it")
+
+    def _give_up(self, error: Exception | str) -> None:
         self._is_open = False
         with suppress(OSError):
             self._file.close()
