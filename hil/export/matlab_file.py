@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from hil.core.counted import counted
 from hil.edge.record.record_errors import RunFolderError
 from hil.export.export_tables import ExportColumn, ExportTable, RunTables, identifier
 from hil.export.frame_data import hex_texts
@@ -27,8 +28,8 @@ def write_mat(run: RunTables, out: Path) -> None:
 
     if len(run.frames) > MAX_FRAMES:
         raise RunFolderError(
-            f"{run.folder.path}: --to mat takes at most {MAX_FRAMES} frames, and the run has {len(run.frames)}: "
-            "use --to parquet, which MATLAB reads with parquetread"
+            f"{run.folder.path}: --to mat takes at most {counted(MAX_FRAMES, 'frame')}, and the run has "
+            f"{len(run.frames)}: use --to parquet, which MATLAB reads with parquetread"
         )
     frames = run.frame_columns()
     data = (

@@ -190,7 +190,7 @@ COMMAND_LINES = [
     (["-i", "virtual"], "needs a channel"),
     (["-i", "no_such", "-c", "x"], "-i no_such -c x"),
     (["-i", "slcan", "-c", "/nowhere/tty"], "-i slcan -c /nowhere/tty"),
-    (["--pty", "--scenario", "no_such"], "no_such: cannot be read"),
+    (["--pty", "--scenario", "no_such"], "--scenario no_such: no such file, and no shipped name"),
     (["--pty", "--config", "/nowhere"], "/nowhere/emulator.toml: cannot be read"),
     (["--pty", "--record", "/nowhere/x.jsonl"], "--record /nowhere/x.jsonl"),
     (["--pty", "--seed", "-1"], "--seed"),

@@ -140,9 +140,11 @@ class ProcessRecorder:
         """What has failed since the last call, for an operator; the record says it as far as it can."""
         if len(self._errors) == self._reported and (self._dropped == 0 or self._has_reported_drop):
             return ()
-        code = "recorder_failed" if self._lost_at_s is None else "recorder_lost"
-        found = [Event(Severity.ERROR, code, text) for text in self._errors[self._reported :]]
-        self._reported = len(self._errors)
+        new, self._reported = self._errors[self._reported :], len(self._errors)
+        if self._lost_at_s is None:
+            found = [Event(Severity.ERROR, "recorder_failed", text) for text in new]
+        else:
+            found = [Event(Severity.ERROR, "recorder_lost", text) for text in new]
         if self._dropped and not self._has_reported_drop:
             self._has_reported_drop = True
             found.append(Event(Severity.WARNING, "record_dropped", "the record has gaps: the recorder can't keep up"))
