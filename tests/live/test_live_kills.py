@@ -250,7 +250,7 @@ def test_while_it_connects_it_ends_at_once_and_leaves_no_folder(tmp_path: Path, 
             if number is STOP:
                 run.process.kill()
             code = run.wait(20.0)
-            assert code == {KILL: -9, STOP: -9, TERM: -15, CTRL_C: 130}[number], (run.out, run.err)
+            assert code == {KILL: -9, STOP: -9, TERM: 143, CTRL_C: 130}[number], (run.out, run.err)
             assert time.monotonic() - started_s < 4.0
         for guest in guests:
             guest.close()
