@@ -110,7 +110,7 @@ def run_all(
             if fate is not None:
                 target, mutant = work[fork.number]
                 with os.fdopen(fork.pipe, encoding="utf-8") as pipe:
-                    judgements[fork.number] = Judgement(fate, pipe.read())
+                    judgements[fork.number] = Judgement(fate, pipe.readline().rstrip("\n"))
                 running.remove(fork)
                 if "::" in (killer := judgements[fork.number].killer):
                     killers.setdefault(target, {})[killer] = mutant.line
@@ -213,12 +213,15 @@ class _Watcher:
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """A test has failed, in itself or in its fixtures."""
         if report.failed:
-            os.write(self._pipe, report.nodeid.encode())
+            self._name(report.nodeid)
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
         """A file could not be imported."""
         if report.failed:
-            os.write(self._pipe, report.nodeid.encode())
+            self._name(report.nodeid)
+
+    def _name(self, failed: str) -> None:
+        os.write(self._pipe, f"{failed}\n".encode())
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtest_logstart(self) -> None:
