@@ -24,7 +24,6 @@ from dataclasses import dataclass, replace
 from math import inf, isfinite
 
 from hil.core.interlocks import Belief, Limits, levels_cm
-from hil.core.quick_records import quickly_built
 from hil.core.tanks import LinearModel, linearise, pump_matrix
 from hil.core.types import Diagnosis, Event, Inputs, Mode, OpenQuestion, Pair, Quad, Severity
 
@@ -86,7 +85,6 @@ class ProbeConfig:
 NO_PROBE = ProbeConfig()
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class Occasion:
     """What one step knows besides the probe's state.
@@ -104,7 +102,6 @@ class Occasion:
     end_s: float = inf
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class ProbeState:
     """State of the probe between two steps.

@@ -15,7 +15,6 @@ from typing import Any, Protocol, runtime_checkable
 
 from hil.core.estimator import Estimate
 from hil.core.following import Followed
-from hil.core.quick_records import quickly_built
 from hil.core.start_phase import StartPhase
 from hil.core.types import Diagnosis, Event, Pair, Quad
 
@@ -45,7 +44,6 @@ class ReferencePath(Protocol):
         ...
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class LawInputs:
     """What a law knows at one step.
@@ -78,7 +76,6 @@ class LawInputs:
     authority: Authority
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class FeedbackRecord:
     """What the record has columns for, of a law that is a state feedback with integral action.
@@ -92,7 +89,6 @@ class FeedbackRecord:
     gain: tuple[float, ...]
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class LawRequest:
     """What a law asks for at one step.

@@ -20,7 +20,6 @@ from hil.core.live_operation import UNTOUCHED, LiveState, Operation
 from hil.core.live_request import LiveAnswer, LiveRequest
 from hil.core.loop_state import LoopConfig, LoopState
 from hil.core.monitors import Monitors, step_monitors
-from hil.core.quick_records import quickly_built
 from hil.core.reference_path import TIME_TOLERANCE_S
 from hil.core.supervisor import Supervision
 from hil.core.types import (
@@ -55,7 +54,6 @@ class ControllerConfig:
     waits_for_clearing: bool = False
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class ControllerState:
     """State of the supervisor; of the loop, the monitors and the probe, from the first step in control on.
@@ -73,7 +71,6 @@ class ControllerState:
     operation: Operation = UNTOUCHED
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class Output:
     """The command to send, the events of this step, and the record once the run's time has begun.

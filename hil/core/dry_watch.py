@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hil.core.quick_records import quickly_built
 from hil.core.tanks import TankModel, water_balance
 from hil.core.types import Pair, Quad
 
@@ -24,7 +23,6 @@ MIN_SHARE = 0.1
 """Less than this share of the expected inflow is no water."""
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class DryWatch:
     """State of the watch.

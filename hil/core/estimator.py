@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import exp, isfinite, nan
 
-from hil.core.quick_records import quickly_built
 from hil.core.sensors import levels_shown
 from hil.core.tanks import TankModel, level_rates
 from hil.core.types import ALL_SENSORS, Measurement, Pair, Quad
@@ -27,7 +26,6 @@ class LevelFilter:
     filter_s: float
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class Estimate:
     """Levels in cm and as level signals, V; drives after the lag, V; innovations, V, NaN without a reading."""

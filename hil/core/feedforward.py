@@ -34,7 +34,6 @@ from math import exp, inf, sqrt
 import numpy as np
 from scipy.linalg import solve_continuous_are
 
-from hil.core.quick_records import quickly_built
 from hil.core.tanks import Array, TankModel, equilibrium, level_rates, linearise, outflows, transmission_zeros
 from hil.core.types import Pair, Quad
 
@@ -134,7 +133,6 @@ class Target:
     gain: LqrGain | None = None
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class FeedforwardPath:
     """Where the path is at one step.

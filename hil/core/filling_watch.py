@@ -17,7 +17,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf
 
-from hil.core.quick_records import quickly_built
 from hil.core.tanks import TankModel, clean_outflow, water_balance
 from hil.core.types import Pair, Quad
 
@@ -53,7 +52,6 @@ BALANCED_RATIO, BALANCED_RISE = 1.08, 1.06
 """Below both, the water speaks against a level that is not shown."""
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class Filling:
     """The water of one lower tank.
@@ -93,7 +91,6 @@ class Filling:
         return min(max(self.needed_cm3 / self.direct_cm3, low), high)
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class FillingWatch:
     """State of the watch for the two lower tanks. level_cm : (4,) levels at watched_ns, None at first."""

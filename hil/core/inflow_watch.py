@@ -18,7 +18,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf
 
-from hil.core.quick_records import quickly_built
 from hil.core.tanks import TankModel, WaterBalance, clean_outflow, water_balance
 from hil.core.types import Diagnosis, Pair, Quad
 
@@ -41,7 +40,6 @@ MIN_LEVEL_CM = 1.0
 NOT_RISEN = (1.0, 1.0)
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class InflowWatch:
     """State of the watch for the two lower tanks.

@@ -16,7 +16,6 @@ from math import isfinite
 from hil.core.live_levels import NONE
 from hil.core.overshoot import peak_levels
 from hil.core.pumps import STRAIGHT, PumpPath
-from hil.core.quick_records import quickly_built
 from hil.core.sensors import levels_shown
 from hil.core.tanks import TankModel
 from hil.core.types import ALL_SENSORS, Diagnosis, Inputs, NodeState, Pair, Quad, TripCause
@@ -76,7 +75,6 @@ class Limits:
         return self.pumps.drive((self.range_V[1], self.range_V[1]))
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class Belief:
     """What the control loop estimates at this step.
@@ -105,7 +103,6 @@ class Belief:
 NO_BELIEF = Belief()
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class Situation:
     """The inputs of an interlock.

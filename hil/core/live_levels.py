@@ -14,7 +14,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import exp, inf, isfinite, nan, sqrt
 
-from hil.core.quick_records import quickly_built
 from hil.core.tanks import TankModel
 from hil.core.types import ALL_SENSORS, Diagnosis, Measurement, Pair, Quad
 
@@ -31,7 +30,6 @@ NONE = (-inf, -inf, -inf, -inf)
 """No sensor that is not trusted shows a level."""
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class LiveLevels:
     """State of the monitor.

@@ -13,7 +13,6 @@ from hil.core.estimator import Estimate, LevelFilter
 from hil.core.following import Followed
 from hil.core.law_copies import is_own
 from hil.core.pumps import STRAIGHT, PumpPath, UnderWay
-from hil.core.quick_records import quickly_built
 from hil.core.reference_path import ReferenceMove
 from hil.core.sensors import PLAIN, LevelSensors
 from hil.core.start_phase import StartConfig, StartPhase
@@ -50,7 +49,6 @@ class LoopConfig:
         return is_own(self.law)
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class LastCommand:
     """What became of the drives that the law asked for, see `LawInputs`. At first the pumps have what was found."""
@@ -60,7 +58,6 @@ class LastCommand:
     authority: Authority = Authority.NOBODY
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class LoopState:
     """State of the control loop between two steps.

@@ -17,12 +17,10 @@ from hil.core.interlocks import Belief, Limits
 from hil.core.live_levels import NONE, LiveLevels, live_levels_cm, watch_readings
 from hil.core.loop_state import LoopState
 from hil.core.overshoot import Outlets, watch
-from hil.core.quick_records import quickly_built
 from hil.core.start_phase import Doubts
 from hil.core.types import Diagnosis, Measurement, Pair, Quad
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class Monitors:
     """States of the monitors that the interlocks use.

@@ -28,7 +28,6 @@ from cmath import sqrt as complex_sqrt
 from dataclasses import dataclass, replace
 from math import exp, sqrt
 
-from hil.core.quick_records import quickly_built
 from hil.core.tanks import TankModel, clean_outflow, water_balance
 from hil.core.types import Pair, Quad
 
@@ -49,7 +48,6 @@ MIN_LEVEL_CM = 1.0
 """The share is computed as if the level were at least this high: a nearly empty tank shows little of its outlet."""
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class Outlets:
     """State of the outlet monitor for the two lower tanks.

@@ -5,7 +5,6 @@ from __future__ import annotations
 from bisect import bisect_right
 from dataclasses import dataclass
 
-from hil.core.quick_records import quickly_built
 from hil.core.start_phase import StartPhase
 from hil.core.types import Pair
 
@@ -44,7 +43,6 @@ class ReferenceMove:
         return (b1 - a1) / time_s, (b2 - a2) / time_s
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class RunReferences:
     """schedule : (at_s, (r1, r2) in V), ascending in time, the first at 0. start : the run's start phase, or None.

@@ -33,7 +33,6 @@ from hil.core.interlocks import (
 from hil.core.interlocks import (
     Limits as Limits,
 )
-from hil.core.quick_records import quickly_built
 from hil.core.types import Action, Command, Event, Inputs, Mode, NodeState, Pair, Request, Severity, TripCause
 
 OFF = Command((0.0, 0.0), enable=False)
@@ -52,7 +51,6 @@ ALLOWED_ACTIONS = {
 """The operator requests that each mode allows; others are refused."""
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class Supervision:
     """State of the supervisor.

@@ -23,7 +23,6 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.core.quick_records import quickly_built
 from hil.core.types import Pair, Quad
 
 Array = NDArray[np.float64]
@@ -126,7 +125,6 @@ def clean_outflow(model: TankModel, tank: int, level_cm: float) -> float:
     return model.outlet_flow[tank] * sqrt(level_cm + model.datum_cm[tank])
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class WaterBalance:
     """The water of all tanks between two steps, in cm^3/s, as the monitors of the interlocks use it.

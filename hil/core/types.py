@@ -12,8 +12,6 @@ from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
 from math import inf, nan
 
-from hil.core.quick_records import quickly_built
-
 Pair = tuple[float, float]
 Quad = tuple[float, float, float, float]
 
@@ -103,7 +101,6 @@ class Event:
     data: dict[str, object] = field(default_factory=dict)
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class Measurement:
     """The four level voltages at a control step.
@@ -130,7 +127,6 @@ class Measurement:
     invalid_run: tuple[int, int, int, int] = (0, 0, 0, 0)
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class PumpFeedback:
     """The newest status of the pump node.
@@ -148,7 +144,6 @@ class PumpFeedback:
     unechoed_s: float
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class NodeHealth:
     """Heartbeats: the age of the older one, whether a node has rebooted, whether the nodes use our DBC.
@@ -162,7 +157,6 @@ class NodeHealth:
     is_lossy: bool = False
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class BusHealth:
     """Counters of the bus since the start: frames accepted, frames rejected, sends failed, and whether it is up.
@@ -183,7 +177,6 @@ class BusHealth:
     rejection_summary: str = ""
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class Timing:
     """Lateness of this step, and the number of control periods skipped since the start."""
@@ -217,7 +210,6 @@ class Request:
     number: int = 0
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class Inputs:
     """The inputs of a control step, besides its state and the time.
@@ -237,7 +229,6 @@ class Inputs:
     noted: tuple[Event, ...] = ()
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class Command:
     """What is sent to the pump node: voltages within range and rate, or disabled at 0 V.
@@ -286,7 +277,6 @@ NAMELESS = (UNRESOLVED, UNKNOWN)
 """Kinds of alarms that name no fault."""
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class OpenQuestion:
     """An alarm that can't be resolved at rest: the level of a lower tank changes, or its sensor drifts.
@@ -300,7 +290,6 @@ class OpenQuestion:
     apart_cm: float
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class Waterways:
     """Where the water goes, as the diagnosis has identified it: faults and the rig's own differences from its file.
@@ -328,7 +317,6 @@ class PossibleRig:
     waterways: Waterways | None = None
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
     """The current result of the diagnosis.
@@ -392,7 +380,6 @@ class Diagnosis:
         return is_named or self.is_unknown
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class TickRecord:
     """One control step, as recorded. Time is that of the run: 0 at the first step in control or after a start phase.

@@ -19,7 +19,6 @@ from dataclasses import dataclass, replace
 from hil.core import feedforward, state_feedback
 from hil.core.control_law import Authority, LawInputs
 from hil.core.feedforward import FeedforwardPath, PathLimits, Target
-from hil.core.quick_records import quickly_built
 from hil.core.reconfiguration import Reconfiguration
 from hil.core.state_feedback import StateFeedback
 from hil.core.tanks import TankModel
@@ -36,7 +35,6 @@ NEAR_COUPLED_CM = 2.0
 levels by more there, and feedback on the whole deviation learns it sooner than feedback on that from a path."""
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class PathState:
     """A path on its way: target, tanks and limits for which it was continued last, and what they were found for."""

@@ -15,7 +15,6 @@ from hil.core.control_law import Authority, FeedbackRecord, LawInputs, LawReques
 from hil.core.following import HEALTHY
 from hil.core.gain_design import closed_loop_poles, gain_matrix
 from hil.core.laws.path_follower import PathFollower, PathState, feedback_part, with_path
-from hil.core.quick_records import quickly_built
 from hil.core.reachable import nearest_reachable
 from hil.core.reconfiguration import FAILURES, MIN_LINEARISED_CM, Reconfiguration
 from hil.core.start_phase import StartPhase
@@ -34,7 +33,6 @@ Task = tuple[Pair, Pair, Pair | None, Waterways | None]
 """Reference, effectiveness, valve splits and waterways that a state feedback is computed for."""
 
 
-@quickly_built
 @dataclass(frozen=True, slots=True)
 class FeedbackMemory:
     """What the law remembers between two steps.
