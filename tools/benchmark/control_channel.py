@@ -1,10 +1,14 @@
 """Lateness of the control steps with many clients on the control channel, beside the same without any.
 
-    python -m tools.benchmark.control_channel [--seconds S] [--pairs N] [--realtime | --apart [--ordinary-clients]]
+    python -m tools.benchmark.control_channel [--seconds S] [--pairs N]
+        [--realtime [--own-processor] | --apart [--ordinary-clients]]
 
 Pairs of runs in real time on the emulator over slcan, in turns. The clients are a process of their own: 100 connect, of
 which as many as are served subscribe to states at 20 Hz; one never reads, one sends 10 MB without an end of line again
 and again, one sends requests without pause.
+
+--own-processor : the control thread has the last processor for itself, all other programs of the benchmark the rest, as
+with `isolcpus` and `hil run --realtime --cpu N`.
 
 --apart : on a computer that is busy with other programs. All programs of the benchmark, the process that serves the
 clients and the clients among them, get SCHED_RR 1: others hardly count, and none of these stands back for the control
@@ -43,6 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seconds", type=float, default=20.0, help="of a run (default: 20)")
     parser.add_argument("--pairs", type=int, default=3, help="of runs, without and with clients (default: 3)")
     parser.add_argument("--realtime", action="store_true", help="runs with SCHED_FIFO, as `hil run --realtime`")
+    parser.add_argument("--own-processor", action="store_true", help="with --realtime: nothing else on its processor")
     parser.add_argument(
         "--apart", action="store_true", help="all programs of the benchmark before all others (SCHED_RR)"
     )
@@ -56,12 +61,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     if options.apart:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
+    realtime = ["--realtime"] if options.realtime else []
+    if options.own_processor:
+        *others, own = sorted(os.sched_getaffinity(0))
+        os.sched_setaffinity(0, others)
+        realtime += ["--cpu", f"{own}"]
     clients = ["--ordinary-clients"] if options.ordinary_clients else []
     late = {False: np.empty(0), True: np.empty(0)}
     skipped = {False: 0, True: 0}
     for number in range(2 * options.pairs):
         with_clients = number % 2 == 1
-        lateness_ms, count = one_run(options.seconds, with_clients, options.realtime, options.apart, clients)
+        lateness_ms, count = one_run(options.seconds, with_clients, realtime, options.apart, clients)
         late[with_clients] = np.append(late[with_clients], lateness_ms)
         skipped[with_clients] += count
     for with_clients, name in ((False, "no client"), (True, f"{CLIENTS} clients")):
@@ -76,7 +86,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def one_run(seconds: float, with_clients: bool, realtime: bool, apart: bool, more: list[str]) -> tuple[np.ndarray, int]:
+def one_run(
+    seconds: float, with_clients: bool, realtime: list[str], apart: bool, more: list[str]
+) -> tuple[np.ndarray, int]:
     """Lateness of each step, ms, and the steps skipped."""
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made) / "run"
@@ -92,7 +104,7 @@ def one_run(seconds: float, with_clients: bool, realtime: bool, apart: bool, mor
                 clients = subprocess.Popen([*me, "--seconds", f"{seconds + 60.0}", *more], cwd=ROOT)
                 time.sleep(2.0)
             command: list[str | Path] = [BIN / "hil", "run", "hold", "-i", "slcan", "-c", channel, "--out", folder]
-            options = ["--duration", f"{seconds}", "--no-rerun", "--no-report", *(["--realtime"] if realtime else [])]
+            options = ["--duration", f"{seconds}", "--no-rerun", "--no-report", *realtime]
             run = subprocess.Popen([*command, *options], stdout=subprocess.DEVNULL, cwd=ROOT)
             while run.poll() is None and not (folder / "control.sock").exists():
                 time.sleep(0.05)

@@ -62,9 +62,20 @@ def _check(wanted: RealTime) -> None:
     low, high = os.sched_get_priority_min(os.SCHED_FIFO), os.sched_get_priority_max(os.SCHED_FIFO)
     if not low <= wanted.priority <= high:
         raise RealTimeError(f"--priority {wanted.priority} is outside {low}..{high}")
-    allowed = sorted(os.sched_getaffinity(0))
-    if wanted.cpu is not None and wanted.cpu not in allowed:
+    if wanted.cpu is not None and not _may_run_on(wanted.cpu):
+        allowed = [cpu for cpu in range(os.cpu_count() or 1) if _may_run_on(cpu)]
         raise RealTimeError(f"--cpu {wanted.cpu} is not one of this process's processors: {_listed(allowed)}")
+
+
+def _may_run_on(cpu: int) -> bool:
+    """Whether the system lets this thread run there: one that is kept free (`isolcpus`) is not among its own now."""
+    before = os.sched_getaffinity(0)
+    try:
+        os.sched_setaffinity(0, {cpu})
+    except (OSError, ValueError, OverflowError):
+        return False
+    os.sched_setaffinity(0, before)
+    return True
 
 
 @dataclass(slots=True)
