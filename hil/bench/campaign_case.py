@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 from contextlib import ExitStack
 from functools import lru_cache
@@ -22,12 +23,13 @@ from hil.campaigns.observer import Observer
 from hil.campaigns.outcome import Rest
 from hil.campaigns.rig_draw import RigNumbers
 from hil.campaigns.row import Elapsed, Row
+from hil.campaigns.told import FlowShare
 from hil.campaigns.toml_text import toml_text
 from hil.core.fault_kinds import FaultKind
 from hil.core.types import Pair, Quad
 from hil.edge.can.bus import BusPort
 from hil.edge.can.pair_bus import pair
-from hil.edge.config.rig_file import load_rig
+from hil.edge.config.rig_file import Rig, load_rig
 from hil.edge.config.scenario_file import Scenario
 from hil.edge.config.settings_file import SettingsError, validated
 from hil.edge.record.file_writing import write_atomically
@@ -68,8 +70,11 @@ def check_settings(case: Case, config_dir: Path, where: str) -> None:
 
 def rig_numbers(case: Case, config_dir: Path, where: str) -> RigNumbers:
     """The emulated rig of a case, as the draws of a campaign start from it. Raises SettingsError."""
-    rig = _bench(case, config_dir, where).rig
     truth, _ = _emulator_settings(case, config_dir, where)
+    return _numbers(_bench(case, config_dir, where).rig, truth)
+
+
+def _numbers(rig: Rig, truth: EmulatorSettings) -> RigNumbers:
     tanks, pumps = truth.tanks, truth.pumps
     return RigNumbers(
         gain_cm3_Vs=pumps.gain_cm3_Vs,
@@ -132,7 +137,7 @@ def _run(case: Case, config_dir: Path, bound_s: outcome.Bound | None, started: E
     rest = Rest(emulator.truth().spilled_cm3, applied_V)
     return outcome.evaluate(
         case,
-        _figures(bench),
+        _figures(bench, truth),
         observer.result(),
         ending,
         rest,
@@ -141,7 +146,18 @@ def _run(case: Case, config_dir: Path, bound_s: outcome.Bound | None, started: E
     )
 
 
-def _figures(bench: Bench) -> outcome.RigFigures:
+def flow_share(rig: Rig, emulated: RigNumbers) -> FlowShare:
+    """What the emulator's healthy pumps (1, 2) give at a voltage, over what the rig file says."""
+    gains, path = rig.pumps.gain_cm3_Vs, rig.pump_path
+
+    def share(pump: int, voltage_V: float) -> float:
+        by_file_cm3_s = gains[pump - 1] * path.drive((voltage_V, voltage_V))[pump - 1]
+        return emulated.flow_cm3_s(pump - 1, voltage_V) / by_file_cm3_s if by_file_cm3_s > 0.0 else math.inf
+
+    return share
+
+
+def _figures(bench: Bench, truth: EmulatorSettings) -> outcome.RigFigures:
     rig = bench.rig
     return outcome.RigFigures(
         windows=tuple(Window(w.name, w.from_s, w.to_s) for w in bench.scenario.window),
@@ -150,6 +166,7 @@ def _figures(bench: Bench) -> outcome.RigFigures:
         height_cm=rig.tank_model.height_cm,
         level_gain_V_cm=rig.tank_model.level_gain_V_cm,
         valve_split=rig.pumps.valve_split,
+        flow_share=flow_share(rig, _numbers(rig, truth)),
     )
 
 

@@ -191,8 +191,8 @@ def _figures(classes: Sequence[FaultClass], rows: Sequence[Row]) -> str:
 def _honest(rows: Sequence[Row]) -> str:
     count = sum(row.honest_alarms for row in rows)
     asked = statistics.questions_text(rows)
-    said = f" Besides, {counted(count, 'alarm')} that say what a drawn rig is." if count else ""
-    return f"{' ' if asked else ''}{asked}{said}"
+    said = f"Besides, {counted(count, 'alarm')} that say what a drawn rig is." if count else ""
+    return "".join(f" {text}" for text in (asked, said, statistics.unknown_text(rows)) if text)
 
 
 def _false_alarms(rows: Sequence[Row]) -> str:
@@ -201,12 +201,23 @@ def _false_alarms(rows: Sequence[Row]) -> str:
     again = f" Further ones with the name of a growing or intermittent fault: {repeated}." if repeated else ""
     text = f"{rate_text(statistics.false_alarms(rows))}. Spurious ones after a fault: {spurious}.{again}{_honest(rows)}"
     lines = [
-        [row.key, row.scenario, row.label, str(row.seed), str(row.false_alarms), str(row.spurious_alarms), row.declared]
+        [
+            row.key,
+            row.scenario,
+            row.label,
+            str(row.seed),
+            str(row.false_alarms),
+            str(row.spurious_alarms),
+            f"{row.unknown_s:.0f}" if row.unknowns else "",
+            row.declared,
+        ]
         for row in rows
-        if row.false_alarms or row.spurious_alarms
+        if row.false_alarms or row.spurious_alarms or row.unknown_long
     ]
-    heads = ["case", "scenario", "fault", "seed", "false", "spurious", "declared after the onset"]
-    listed = page.table(heads, lines[:MAX_ROWS], numeric=frozenset((3, 4, 5))) if lines else ""
+    heads = [
+        "case", "scenario", "fault", "seed", "false", "spurious", "longest unknown [s]", "declared after the onset",
+    ]  # fmt: skip
+    listed = page.table(heads, lines[:MAX_ROWS], numeric=frozenset((3, 4, 5, 6))) if lines else ""
     return f"<p>{page.escape(text)}</p>{listed}"
 
 

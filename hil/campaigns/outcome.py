@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from hil.campaigns import control_figures, growing
+from hil.campaigns import control_figures, growing, told
 from hil.campaigns.cases import Case
 from hil.campaigns.observer import Observations, ran_dry, rate_broken
-from hil.campaigns.rig_draw import is_honest
 from hil.campaigns.row import CRASHED, Elapsed, Row
-from hil.core.types import NAMELESS, UNRESOLVED, Pair, Quad
+from hil.campaigns.told import FlowShare
+from hil.core.types import NAMELESS, Pair, Quad
 from hil.edge.record.manifest import Window
 from hil.loop import Outcome as Ending
 from hil.review.alarm_load import alarm_load
-from hil.review.alarms import Finding, Injected, Judgement, injected, judge, merged
+from hil.review.alarms import Finding, Injected, Judgement, injected, judge
 from hil.review.run_measures import absolute_error_integral, after_fault_window, dry_run
 from hil.review.ticks import LoggedEvent
 
@@ -33,6 +33,7 @@ class RigFigures:
     """What a run's figures need of its configuration. rate_V_s : fastest requested change of an output.
 
     height_cm : (4,) of the rims. level_gain_V_cm : of the level signals. valve_split : (2,) the rig file's.
+    flow_share : what the emulator's healthy pumps give over what the rig file says; None where nobody knows.
     """
 
     windows: tuple[Window, ...]
@@ -41,6 +42,7 @@ class RigFigures:
     height_cm: Quad
     level_gain_V_cm: float
     valve_split: Pair
+    flow_share: FlowShare | None = None
 
 
 @dataclass(frozen=True)
@@ -66,16 +68,19 @@ def evaluate(
     planned = injected(case.faults)
     faults = tuple(fault for fault in planned if fault.at_s < run_s)  # a run may end, by a trip, before its fault
     process = [fault for fault in faults if fault.is_of_the_process]
-    reported = _reported(case, seen, min([fault.at_s for fault in process], default=math.inf))
-    findings = tuple(finding for finding in reported if not _is_honest(case, finding, faults))
+    onset_s = min([fault.at_s for fault in process], default=math.inf)
+    alarms = told.reported(case.drawn, seen, onset_s, bench.flow_share)
+    judged = [one for one in alarms if not told.is_allowed(one, case.drawn, faults)]
+    findings = tuple(one.finding for one in judged)
     verdict = judge(faults, findings)
     healthy_s = min([fault.at_s for fault in process] + [run_s])
     columns = {
         **_about(case, planned),
         **_diagnosis(bench, process, verdict, findings, seen),
-        "alarms_json": _json([asdict(finding) for finding in reported]),
-        "honest_alarms": len(reported) - len(findings),
-        "questions": sum(_is_question(finding) for finding in (*verdict.false, *verdict.spurious)),
+        "alarms_json": _json([one.as_json() for one in alarms]),
+        "honest_alarms": sum(one.is_honest for one in alarms if one not in judged),
+        "questions": sum(one.is_question for one in judged if one.finding in (*verdict.false, *verdict.spurious)),
+        **told.unknown_figures(alarms, run_s, is_complete=ending.status == "complete"),
         **_errors(bench, seen, faults),
         **_safety(bench, seen, rest, faults),
         **_ending(seen, ending),
@@ -122,38 +127,6 @@ def _about(case: Case, faults: Sequence[Injected]) -> dict[str, Any]:
         "value": values.pop() if len(values) == 1 else None,
         "onset_s": faults[0].at_s if faults else None,
     }
-
-
-def _reported(case: Case, seen: Observations, onset_s: float) -> tuple[Finding, ...]:
-    """The findings of a run; onset_s : of the first fault of the process.
-
-    On a drawn rig that the controller does not know an alarm may be open before the fault, and tell of the fault under
-    its number. So what is reported from the onset on is a finding of its own there.
-    """
-    alarms = [(t_s, event.data) for t_s, event in seen.events if event.code == "alarm"]
-    if "flow_ratio" not in case.drawn:
-        return merged(data for _, data in alarms)
-    after: list[dict[str, Any]] = []
-    for t_s, data in alarms:
-        if t_s >= onset_s:
-            known = {name: data.get(name) for name in ("detected_s", "isolated_s")}
-            earlier = {name: t_s for name, at_s in known.items() if isinstance(at_s, float) and at_s < onset_s}
-            after.append({**data, **earlier})
-    return (*merged(data for t_s, data in alarms if t_s < onset_s), *merged(after))
-
-
-def _is_honest(case: Case, finding: Finding, faults: Sequence[Injected]) -> bool:
-    """Whether an alarm says what a drawn pump really is, and no fault of that kind and pump is there to be found."""
-    is_faulty = any(
-        fault.target == finding.target and finding.kind in fault.kinds and fault.at_s <= (finding.detected_s or 0.0)
-        for fault in faults
-    )
-    return not is_faulty and is_honest(case.drawn, finding.kind, finding.target, finding.size)
-
-
-def _is_question(finding: Finding) -> bool:
-    """Whether an alarm was withdrawn before it had a name."""
-    return finding.kind == UNRESOLVED and finding.recovered_s is not None
 
 
 def _diagnosis(

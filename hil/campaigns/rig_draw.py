@@ -12,7 +12,7 @@ from random import Random
 from typing import Any
 
 from hil.campaigns.draw_spec import RATIOS, Draw, DrawnReferences
-from hil.core.types import UNKNOWN, Pair, Quad
+from hil.core.types import Pair, Quad
 from hil.edge.config.settings_file import SettingsError
 
 DIGITS = 4
@@ -27,10 +27,6 @@ FILL_MAX = 0.9
 
 FLOW_SHARES = (0.2, 1.0)
 """Share of the pumps' largest voltage between which `flow_ratio` is given."""
-
-PUMP_GAIN, PUMP_LAG = "pump_effectiveness", "pump_lag"
-SIZE_TOLERANCE, LAG_TOLERANCE = 0.1, 0.25
-"""Share of the flow that the file says; share of the true lag."""
 
 
 @dataclass(frozen=True)
@@ -129,26 +125,6 @@ def draw_rig(spec: Draw, base: RigNumbers, seed: int, duration_s: float) -> Draw
         values["flow_ratio"] = [_flow_ratio(base, rig, pump) for pump in (0, 1)]
         values["lag_s"] = _rounded(rig.lag_s)
     return DrawnRig(values, _without_empty(overlay))
-
-
-def is_honest(drawn: Mapping[str, Any], kind: str, target: object, size: float | None) -> bool:
-    """Whether an alarm on a drawn rig that the controller does not know says nothing but the truth.
-
-    It may say that a pump gives more or less than its file, within `SIZE_TOLERANCE` of what it gives, or what its lag
-    is, within `LAG_TOLERANCE`; and that no known fault explains what it sees.
-    """
-    ratios = drawn.get("flow_ratio")
-    if ratios is None:
-        return False
-    if kind == UNKNOWN:
-        return True
-    if kind not in (PUMP_GAIN, PUMP_LAG) or target not in (1, 2) or size is None:
-        return False
-    if kind == PUMP_LAG:
-        lag_s = float(drawn["lag_s"][int(str(target)) - 1])
-        return abs(size - lag_s) <= LAG_TOLERANCE * lag_s
-    low, high = ratios[int(str(target)) - 1]
-    return bool(low - SIZE_TOLERANCE <= size <= high + SIZE_TOLERANCE)
 
 
 def _values(spec: Draw, seed: int) -> dict[str, Any]:

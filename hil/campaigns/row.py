@@ -39,9 +39,10 @@ class Row:
     and 5 s after its isolation. declared : all that was named after the onset, each once.
     repeated_alarms : later ones that name a growing or intermittent fault again. drawn_json : what [draw] drew.
     honest_alarms : on a drawn rig that the rig file doesn't know, alarms that say what its pumps really give; they are
-    neither false nor spurious. questions : of the false and the spurious, those that were withdrawn before they had a
-    name: open questions. windows_json : figures of the scenario's windows, see `control_figures`. held : all
-    faults are named as they are, or are among the candidates of an alarm that is still open, and nothing else is named.
+    neither false nor spurious. unknowns, unknown_s, unknown_long : see `told.unknown_figures`. questions : of the false
+    and the spurious, those that were withdrawn before they had a name: open questions. windows_json : figures of the
+    scenario's windows, see `control_figures`. held : all faults are named as they are, or are among the candidates of
+    an alarm that is still open, and nothing else is named.
     grown_s, named_s : of growing faults, see `growing`.
     alarm_* : how much the run asks an operator to look at, see `hil.review.alarm_load`.
     healthy_h : hours before the first fault of the process. spilled_cm3 : what went over a rim.
@@ -106,6 +107,9 @@ class Row:
     drawn_json: str = "{}"
     honest_alarms: int = 0
     questions: int = 0
+    unknowns: int = 0
+    unknown_s: float = 0.0
+    unknown_long: int = 0
     windows_json: str = "{}"
     alarm_count: int = 0
     alarm_peak_10_min: int = 0

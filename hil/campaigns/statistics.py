@@ -11,6 +11,7 @@ import numpy as np
 from hil.campaigns.cases import PAIRS
 from hil.campaigns.growing import PROMPT_S
 from hil.campaigns.row import INVARIANTS, Row
+from hil.campaigns.told import LONG_UNKNOWN_S
 from hil.core.counted import counted
 
 CONFIDENCE = 0.95
@@ -84,6 +85,18 @@ def questions_text(rows: Sequence[Row]) -> str:
     if not count:
         return ""
     return f"Of {counted(all_of_them, 'false or spurious alarm')}, {count} were withdrawn before they had a name."
+
+
+def unknown_text(rows: Sequence[Row]) -> str:
+    """How often something stood that nothing known explains, and for how long; "" if it never did."""
+    count, long = sum(row.unknowns for row in rows), sum(row.unknown_long for row in rows)
+    if not count:
+        return ""
+    longest_s = max(row.unknown_s for row in rows)
+    return (
+        f"Unknown: {counted(count, 'time')}, the longest {longest_s:.0f} s; "
+        f"{long} stood for {LONG_UNKNOWN_S:g} s or until the run stopped."
+    )
 
 
 def fault_classes(rows: Iterable[Row]) -> tuple[FaultClass, ...]:

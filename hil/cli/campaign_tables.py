@@ -37,6 +37,8 @@ def show(console: Console, rows: Sequence[Row]) -> None:
     honest = sum(row.honest_alarms for row in rows)
     if honest:
         console.print(f"Besides, {counted(honest, 'alarm')} that say what a drawn rig is.", highlight=False)
+    if unknown := statistics.unknown_text(rows):
+        console.print(unknown, highlight=False)
     if trips := statistics.trips(rows):
         causes = ", ".join(f"{cause} {count}" for cause, count in trips.items())
         console.print(f"Tripped: {sum(trips.values())} of {counted(len(rows), 'run')}: {causes}", highlight=False)

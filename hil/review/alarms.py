@@ -127,23 +127,39 @@ class Judgement:
 
 def merged(alarms: Iterable[Mapping[str, Any]]) -> tuple[Finding, ...]:
     """Alarms, each as the data of its event, as findings in the order in which they were first raised."""
-    findings: list[Finding] = []
-    open_at: dict[int, int] = {}
+    return tuple(finding_of(reports) for reports in grouped(alarms))
+
+
+def grouped(alarms: Iterable[Mapping[str, Any]]) -> tuple[tuple[Mapping[str, Any], ...], ...]:
+    """The reports of each fault in the order of time, its recovery last; faults in the order of their first report."""
+    groups: list[list[Mapping[str, Any]]] = []
+    open_at: dict[int, list[Mapping[str, Any]]] = {}
     for alarm in alarms:
         number = alarm.get("number") or 0
-        at = open_at.get(number)
+        group = open_at.get(number)
         if alarm.get("is_recovery"):
-            if at is not None:
-                findings[at] = replace(findings[at], recovered_s=_known(alarm.get("detected_s")))
+            if group is not None:
+                group.append(alarm)
                 del open_at[number]
             continue
-        if at is not None:
-            findings[at] = _later(findings[at], alarm)
-            continue
-        findings.append(_first(number, alarm))
-        if number:
-            open_at[number] = len(findings) - 1
-    return tuple(findings)
+        if group is None:
+            group = []
+            groups.append(group)
+            if number:
+                open_at[number] = group
+        group.append(alarm)
+    return tuple(tuple(group) for group in groups)
+
+
+def finding_of(reports: Sequence[Mapping[str, Any]]) -> Finding:
+    """One fault's reports, as `grouped` gives them, as its finding."""
+    finding = _first(reports[0].get("number") or 0, reports[0])
+    for alarm in reports[1:]:
+        if alarm.get("is_recovery"):
+            finding = replace(finding, recovered_s=_known(alarm.get("detected_s")))
+        else:
+            finding = _later(finding, alarm)
+    return finding
 
 
 def injected(faults: Iterable[Mapping[str, Any]]) -> tuple[Injected, ...]:

@@ -20,7 +20,7 @@ from hil.bench.campaign_run import CampaignOptions
 from hil.campaigns.campaign_report import render
 from hil.campaigns.cases import Case
 from hil.campaigns.draw_spec import Draw
-from hil.campaigns.rig_draw import DrawnRig, RigNumbers, draw_rig, is_honest
+from hil.campaigns.rig_draw import DrawnRig, RigNumbers, draw_rig
 from hil.cli import campaign_tables
 from hil.edge.config.settings_file import SettingsError, validated
 from tests.campaign.campaign_bench import CONFIG, SHORT, campaign_file, row
@@ -198,30 +198,17 @@ def test_the_row_and_the_folder_say_what_was_drawn(tmp_path: Path) -> None:
 
 
 def test_terminal_and_report_count_honest_alarms_and_trips() -> None:
-    rows = [row(honest_alarms=2, seed=1), row(trip_cause="high_level", seed=2, false_alarms=3, questions=1)]
+    rows = [
+        row(honest_alarms=2, seed=1, unknowns=2, unknown_s=41.2, unknown_long=1),
+        row(trip_cause="high_level", seed=2, false_alarms=3, questions=1),
+    ]
     out = StringIO()
     campaign_tables.show(Console(file=out, width=120), rows)
     assert "Besides, 2 alarms that say what a drawn rig is." in out.getvalue()
     assert "Tripped: 1 of 2 runs: high_level 1" in out.getvalue()
     assert "Of 3 false or spurious alarms, 1 were withdrawn before they had a name." in out.getvalue()
-    assert "a name. Besides, 2 alarms that say what a drawn rig is." in render("drawn", rows)
-
-
-def test_an_alarm_that_says_what_a_drawn_pump_gives_is_honest(base: RigNumbers) -> None:
-    weak = drawn(base, 1, gain_ratio=[0.8, 0.8]).values
-    assert weak["flow_ratio"] == [[0.8, 0.8], [0.8, 0.8]]
-    assert is_honest(weak, "pump_effectiveness", 1, 0.75)
-    assert not is_honest(weak, "pump_effectiveness", 1, 0.6)
-    assert not is_honest(weak, "pump_effectiveness", 1, 1.2)
-    assert not is_honest(weak, "leak", 1, 0.8)
-    assert not is_honest(drawn(base, 1, gain_ratio=[0.8, 0.8], rig_knows=True).values, "pump_effectiveness", 1, 0.8)
-    assert not is_honest({}, "pump_effectiveness", 1, 0.8), "a rig that is not drawn"
-
-
-def test_an_alarm_that_says_what_a_drawn_lag_is_is_honest(base: RigNumbers) -> None:
-    """A lag of 0.8 s on a rig whose pump has just that counted as a false alarm."""
-    slow = drawn(base, 1, lag_ratio=[4.0, 4.0]).values
-    assert slow["lag_s"] == [0.8, 0.8]
-    assert is_honest(slow, "pump_lag", 1, 0.9)
-    assert not is_honest(slow, "pump_lag", 2, 1.1)
-    assert not is_honest(slow, "pump_lag", 1, None)
+    unknown = "Unknown: 2 times, the longest 41 s; 1 stood for 30 s or until the run stopped."
+    assert unknown in out.getvalue()
+    page = render("drawn", rows)
+    assert f"a name. Besides, 2 alarms that say what a drawn rig is. {unknown}" in page
+    assert "longest unknown [s]" in page

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import asdict, dataclass, fields, replace
 from io import StringIO
@@ -8,29 +7,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow.parquet as pq
 import pytest
 from rich.console import Console
 
-from hil.campaigns import outcome, statistics
+from hil.campaigns import statistics
 from hil.campaigns.campaign_report import render
-from hil.campaigns.cases import Case
-from hil.campaigns.observer import COLUMNS, Observations, Observer, rate_broken
-from hil.campaigns.outcome import Rest, RigFigures
-from hil.campaigns.row import INVARIANTS, Elapsed, Row
+from hil.campaigns.observer import Observer, rate_broken
+from hil.campaigns.row import INVARIANTS, Row
 from hil.campaigns.store import Store
 from hil.cli import campaign_tables
 from hil.core.types import Alarm, Event, Mode, Pair, Severity, TickRecord
 from hil.edge.record.record_errors import RunFolderError
-from hil.loop import Outcome as Ending
-from tests.campaign.campaign_bench import row
-
-BENCH = RigFigures(
-    windows=(), period_s=0.1, rate_V_s=20.0, height_cm=(20.0,) * 4, level_gain_V_cm=0.5, valve_split=(0.7, 0.6)
-)
-REST = Rest(spilled_cm3=0.0, applied_V=(0.0, 0.0))
-FAULTY = Case("k", "leak 1 = 0.2", "s", 1, {"fault": [{"kind": "leak", "target": 1, "value": 0.2, "at_s": 4.0}]})
+from tests.campaign.campaign_bench import FAULTY, REST, judged, row, seen
 
 
 @dataclass
@@ -48,66 +37,10 @@ class Change:
     node: str = "pump"
 
 
-def seen(steps: int = 100, **columns: float | npt.NDArray[Any]) -> Observations:
-    """A run at rest at 3 V and 10 cm, but for the columns given."""
-    healthy: dict[str, float | npt.NDArray[Any]] = {
-        "t_s": np.arange(steps) * 0.1,
-        "r1_V": 5.0,
-        "r2_V": 5.0,
-        "v1_V": 3.0,
-        "v2_V": 3.0,
-    }
-    healthy |= {f"h{tank}_cm": 10.0 for tank in (1, 2, 3, 4)} | {"accepted": np.arange(steps), "e1": 1.0, "e2": 1.0}
-    healthy |= {"true_e1": 1.0, "true_e2": 1.0}
-    table = np.empty((steps, len(COLUMNS)))
-    for name, values in {**healthy, **columns}.items():
-        table[:, COLUMNS.index(name)] = values
-    return Observations(table, (), "", "")
-
-
-def judged(observations: Observations, case: Case = FAULTY, rest: Rest = REST, bench: RigFigures = BENCH) -> Row:
-    ending = Ending("complete", "", 10.0, 100, 0, 0)
-    return outcome.evaluate(case, bench, observations, ending, rest, elapsed=Elapsed(1.0, 1.0))
-
-
 def at(step: int, value: float, otherwise: float, steps: int = 100) -> np.ndarray:
     values = np.full(steps, otherwise)
     values[step] = value
     return values
-
-
-def test_a_fault_under_the_number_of_an_honest_alarm_is_found() -> None:
-    """On a drawn rig a weak pump has an open alarm when it fails; the update of that alarm used to count as nothing."""
-    alarms = [
-        Alarm(1.0, "pump_effectiveness", 1, 0.76, isolated_s=1.0, number=1),
-        Alarm(1.0, "pump_effectiveness", 1, 0.30, isolated_s=1.0, number=1),
-    ]
-    events = tuple(
-        (t_s, Event(Severity.WARNING, "alarm", "", asdict(one))) for t_s, one in zip((1.0, 4.5), alarms, strict=True)
-    )
-    fault = {"kind": "pump_effectiveness", "target": 1, "value": 0.4, "at_s": 4.0}
-    case = Case("k", "l", "s", 1, {"fault": [fault]}, drawn={"flow_ratio": [[0.7, 0.8], [1.0, 1.0]]})
-    one = judged(replace(seen(), events=events), case=case)
-    assert (one.right, one.false_alarms, one.honest_alarms) == (True, 0, 1)
-    assert (one.detection_s, one.isolation_s) == (0.5, 0.5)
-    known = judged(replace(seen(), events=events), case=replace(case, drawn={}))
-    assert (known.right, known.false_alarms) == (False, 1), "on a rig that is known the first alarm is false"
-
-
-def test_an_open_question_that_is_withdrawn_is_false_and_counted_apart() -> None:
-    """It names candidates where there is no fault; something unknown is honest on a drawn rig, withdrawn or not."""
-    asked = [
-        Alarm(1.0, "unresolved", 0, math.nan, candidates=("leak 1",), number=1),
-        Alarm(2.0, "unresolved", 0, math.nan, number=1, is_recovery=True),
-        Alarm(3.0, "unknown", 0, math.nan, number=2),
-        Alarm(3.5, "unknown", 0, math.nan, number=2, is_recovery=True),
-        Alarm(4.0, "leak", 1, 0.1, isolated_s=4.0, number=3),
-        Alarm(4.5, "leak", 1, math.nan, number=3, is_recovery=True),
-    ]
-    events = tuple((one.detected_s, Event(Severity.WARNING, "alarm", "", asdict(one))) for one in asked)
-    case = Case("k", "l", "s", 1, {}, drawn={"flow_ratio": [[1.0, 1.0], [1.0, 1.0]]})
-    found = judged(replace(seen(), events=events), case=case)
-    assert (found.false_alarms, found.questions, found.honest_alarms) == (2, 1, 1)
 
 
 def test_a_run_says_how_much_it_asks_an_operator_to_look_at() -> None:
