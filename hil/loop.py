@@ -67,6 +67,11 @@ class Recorder(Protocol):
 class OperatorChannel(Protocol):
     """Brings an operator's requests and shows the run; no method may block or raise."""
 
+    @property
+    def is_open(self) -> bool:
+        """Whether requests can still come."""
+        ...
+
     def requests(self) -> tuple[LiveRequest, ...]:
         """Those for this step: a few at most."""
         ...
@@ -235,7 +240,7 @@ class ControlLoop:
             text = f"the control channel has failed: {type(error).__name__}: {error}"
             events = (Event(Severity.WARNING, "control_lost", text),)
         for event in events:
-            self._recorder.event(self._t_s, event)
+            self.note(event)
 
     def _settle(self, inputs: Inputs, now_ns: int, stop_reason: str) -> None:
         """Decide whether the run is over: disarmed for too long, or pumps known to be off after a stop or a trip."""
@@ -244,8 +249,9 @@ class ControlLoop:
             self._settle_disarmed(inputs, now_ns, stop_reason)
             return
         self._waiting_since_ns = None
-        awaits_clearing = mode is Mode.TRIPPED and not stop_reason
-        if mode.moves_pumps or (awaits_clearing and self._steps.will_be_cleared(self._state)):
+        may_be_cleared = mode is Mode.TRIPPED and not stop_reason
+        can_be_asked = self._operator is not None and self._operator.is_open
+        if mode.moves_pumps or (may_be_cleared and self._steps.will_be_cleared(self._state, can_be_asked)):
             self._ending_since_ns = None
             return
         if self._ending_since_ns is None:

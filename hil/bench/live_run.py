@@ -38,7 +38,11 @@ def run_live(
     but has no key figures.
     """
     config = controller_config(bench, options.duration_s)
-    config = replace(config, limits=replace(config.limits, attended_s=options.attended_s))
+    config = replace(
+        config,
+        limits=replace(config.limits, attended_s=options.attended_s),
+        waits_for_clearing=not isfinite(config.duration_s),
+    )
     clock = MonotonicClock()
     with ExitStack() as stack:
         recorder = stack.enter_context(ProcessRecorder())
@@ -55,8 +59,6 @@ def run_live(
         record = stack.enter_context(RunRecord(recorder, port))
         for warning in (*live_warnings(bench), *no_channel):
             _warn(warning, recorder)
-        if not no_channel and not isfinite(config.duration_s):
-            config = replace(config, waits_for_clearing=True)
         loop = make_loop(
             bench,
             config,

@@ -13,7 +13,7 @@ import typer
 
 from hil.cli import exit_codes
 from hil.cli.complaint import complain, interruptible
-from hil.edge.control.client import ControlClient, Message, find_run, listed_run
+from hil.edge.control.client import ControlClient, Message, RequestError, find_run, listed_run
 from hil.edge.control.socket_path import ControlError
 
 WATCH_HZ = 1.0
@@ -56,6 +56,8 @@ def run(options: CtlOptions) -> int:
             if options.action == "watch":
                 return _watch(client, options.as_json)
             return _ask(client, options.action, keys)
+    except RequestError as error:
+        return complain(str(error), exit_codes.BAD_INPUT)
     except ControlError as error:
         return _without_answer(options, str(error))
 
@@ -122,7 +124,7 @@ def _exactly(values: Sequence[str], count: int, text: str) -> Sequence[str]:
 
 def _number(value: str, what: str) -> float:
     try:
-        number = float(value)
+        number = float(value) if value.isascii() and "_" not in value else math.nan  # Python takes 6_4 for 64
     except ValueError:
         number = math.nan
     if not math.isfinite(number):

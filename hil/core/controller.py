@@ -43,7 +43,7 @@ class ControllerConfig:
     """The loop, its limits, the duration of the run (inf: no end), and the scheduled operator requests.
 
     requests : (at_s, request), ascending in run time. probe : see `active_isolation`. waits_for_clearing :
-    a tripped run waits for an operator, who clears the trip or stops the run.
+    a tripped run waits for an operator, who clears the trip or stops the run, as long as one can be heard.
     """
 
     loop: LoopConfig
@@ -173,11 +173,14 @@ def fail(state: ControllerState, cause: TripCause, text: str) -> tuple[Controlle
     return failed, Output(command=supervisor.OFF, events=events, record=None)
 
 
-def will_be_cleared(config: ControllerConfig, state: ControllerState) -> bool:
-    """Whether a request to clear a trip is still scheduled within the run's duration, or is left to an operator."""
+def will_be_cleared(config: ControllerConfig, state: ControllerState, can_be_asked: bool) -> bool:
+    """Whether a request to clear a trip is still scheduled within the run's duration, or is left to an operator.
+
+    can_be_asked : whether an operator's requests can come; a run that nobody can clear any more is over.
+    """
     if state.loop is None or state.supervision.stopped_by:
         return False
-    if config.waits_for_clearing:
+    if config.waits_for_clearing and can_be_asked:
         return True
     t_s = state.operation.scenario_s(_run_time_s(state.loop, state.loop.stepped_ns)) + TIME_TOLERANCE_S
     return any(t_s < at_s < config.duration_s and request.action is Action.CLEAR for at_s, request in config.requests)

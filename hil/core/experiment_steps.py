@@ -80,9 +80,9 @@ class ExperimentSteps:
         supervision, events = supervisor.trip(state.supervision, cause, text)
         return replace(state, supervision=supervision), Output(command=supervisor.OFF, events=events, record=None)
 
-    def will_be_cleared(self, state: ExperimentState) -> bool:
+    def will_be_cleared(self, state: ExperimentState, can_be_asked: bool) -> bool:
         """No trip is cleared by itself."""
-        del state
+        del state, can_be_asked
         return False
 
     def is_over(self, state: ExperimentState) -> bool:

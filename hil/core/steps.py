@@ -53,8 +53,8 @@ class Steps(Protocol):
         """State and output for a step that raised an exception: trip, 0 V in the same step."""
         ...
 
-    def will_be_cleared(self, state: Any) -> bool:
-        """Whether a request to clear a trip is still scheduled."""
+    def will_be_cleared(self, state: Any, can_be_asked: bool) -> bool:
+        """Whether a trip may still be cleared. can_be_asked : whether an operator's requests can come."""
         ...
 
     def is_over(self, state: Any) -> bool:
@@ -92,9 +92,9 @@ class ScenarioSteps:
         """See `controller.fail`."""
         return controller.fail(state, cause, text)
 
-    def will_be_cleared(self, state: ControllerState) -> bool:
+    def will_be_cleared(self, state: ControllerState, can_be_asked: bool) -> bool:
         """See `controller.will_be_cleared`."""
-        return controller.will_be_cleared(self.config, state)
+        return controller.will_be_cleared(self.config, state, can_be_asked)
 
     def is_over(self, state: ControllerState) -> bool:
         """See `controller.is_over`."""

@@ -66,7 +66,7 @@ def read_folder_steps(folder: RunFolder, command_id: int) -> RecordedSteps:
         raise ReplayError(f"{folder.path}: {folder.can_log_path.name} has no frame of a control step")
     if manifest.recorder.get("dropped"):
         doubts.append(f"the recorder dropped {counted(int(manifest.recorder['dropped']), 'entry', 'entries')}")
-    steps = _with_link(_with_stop(merged.steps, manifest), events)
+    steps = _with_channel(_with_link(_with_stop(merged.steps, manifest), events), events)
     requests = placed_requests(events, steps, manifest.plan.period_s, doubts)
     return RecordedSteps(log, received, steps, requests, events, tuple(doubts), merged.missing)
 
@@ -157,5 +157,16 @@ def _with_link(steps: tuple[RecordedStep, ...], events: tuple[LoggedEvent, ...])
         return steps
     return tuple(
         replace(step, link_is_up=False) if step.is_in_control and step.t_s >= lost_s[0] - TIME_TOLERANCE_S else step
+        for step in steps
+    )
+
+
+def _with_channel(steps: tuple[RecordedStep, ...], events: tuple[LoggedEvent, ...]) -> tuple[RecordedStep, ...]:
+    """A control channel that was lost, from then on: such a run waits for nobody after a trip."""
+    lost_s = [one.t_s for one in events if one.code == "control_lost"]
+    if not lost_s:
+        return steps
+    return tuple(
+        replace(step, has_channel=False) if step.is_in_control and step.t_s >= lost_s[0] - TIME_TOLERANCE_S else step
         for step in steps
     )

@@ -123,6 +123,7 @@ class RecordedOperator:
 
     def __init__(self) -> None:
         self.waiting: tuple[LiveRequest, ...] = ()
+        self.is_open = True
 
     def requests(self) -> tuple[LiveRequest, ...]:
         """Those of this step."""
@@ -153,7 +154,7 @@ def play(
             loop.receive(log.message(row), int(log.time_ns[row]))
         done = step.until
         sender.recorded = b"" if step.command == NOTHING else log.payload(step.command)
-        operator.waiting = recorded.requests.get(number, ())
+        operator.waiting, operator.is_open = recorded.requests.get(number, ()), step.has_channel
         port.is_up, port.can_send, port.payload = step.link_is_up, step.command != NOTHING, b""
         if loop.outcome is not None and _is_last_command(recorded.steps, number):
             loop.make_safe(step.now_ns)

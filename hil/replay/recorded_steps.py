@@ -23,7 +23,7 @@ class RecordedStep:
     now_ns : when it began. until : number of received frames that it had read, from the first one of the log on.
     command : row of the log with what it sent; NOTHING if it sent none. t_s : run time; NaN outside the steps that have
     one. mode : number of its mode in the record; NOTHING for a step that has no row there. stop_reason : who asked for
-    a stop; "" for nobody. link_is_up : whether the bus was there.
+    a stop; "" for nobody. link_is_up : whether the bus was there. has_channel : whether the control channel was.
     """
 
     now_ns: int
@@ -35,6 +35,7 @@ class RecordedStep:
     skipped: int = 0
     stop_reason: str = ""
     link_is_up: bool = True
+    has_channel: bool = True
 
     @property
     def is_in_control(self) -> bool:

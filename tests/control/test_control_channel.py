@@ -108,7 +108,9 @@ def test_a_process_that_dies_or_stands_does_not_stop_the_run(bench: Bench, numbe
         bench.channel._process.wait(5.0)
         bench.step(2)
         assert bench.codes().count("control_lost") == 1
+        assert not bench.channel.is_open
         return
+    assert bench.channel.is_open, "it may go on"
     os.kill(pid, signal.SIGCONT)
     with bench.connect() as client:
         assert answer(bench, client, "note", text="there again")["ok"]

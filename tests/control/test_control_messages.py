@@ -57,7 +57,8 @@ BAD = {
     "too high": (line("manual", voltage_V=[10.1, 2]), "voltage_V[0] = 10.1: must be"),
     "true for a number": (line("bypass", interlock="dry_run", for_s=True), "for_s = True: must be a number above 0"),
     "never bypassed": (line("bypass", interlock="high_level", for_s=5), "interlock = 'high_level': must be one of"),
-    "too long a note": (line("note", text="x" * 1001), "text = "),
+    "too long a note": (line("note", text="x" * 1001), "...: must be a text of 1 to 1000 characters"),
+    "an empty note": (line("note", text=""), "text = '': must be a text of 1 to 1000 characters"),
     "nested": (b'{"do": ' + b"[" * 3000 + b"]" * 3000 + b"}", ""),
 }
 

@@ -386,7 +386,7 @@ def test_a_clear_is_awaited_when_it_is_due_after_this_step_and_before_the_end(
     config = replace(controller_config(duration_s=3.0), requests=((at_s, Request(action)),))
     state, records = run(config, Plant(), 12)
     assert records[-1].t_s == pytest.approx(1.0)
-    assert controller.will_be_cleared(config, state) is (expected and action is Action.CLEAR)
+    assert controller.will_be_cleared(config, state, False) is (expected and action is Action.CLEAR)
 
 
 def test_integrals_stand_while_stopping() -> None:

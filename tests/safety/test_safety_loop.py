@@ -9,10 +9,12 @@ import pytest
 
 from firmware_sim import frames as node
 from hil.core import closed_loop
+from hil.core.controller import Output
 from hil.core.diagnosis.ideal import NoDetector
 from hil.core.estimator import Estimate
+from hil.core.live_request import LiveRequest
 from hil.core.loop_state import LoopState
-from hil.core.types import Diagnosis, Event, Measurement, Mode, Pair, Timing, TripCause
+from hil.core.types import Diagnosis, Event, Inputs, Measurement, Mode, Pair, Timing, TripCause
 from tests.narrowing import quad
 from tests.safety.safety_bench import (
     CONTRACT,
@@ -402,3 +404,52 @@ def test_a_frame_that_is_not_plain_is_kept_as_it_came_and_changes_nothing(kind: 
     assert len(bench.recorder.frames) == before
     bench.step()
     assert bench.mode is Mode.RUNNING
+
+
+class Operators:
+    """A control channel over which nobody asks for anything, and which can be lost."""
+
+    def __init__(self) -> None:
+        self.is_open = True
+
+    def requests(self) -> tuple[LiveRequest, ...]:
+        return ()
+
+    def show(self, inputs: Inputs, output: Output, state: object, now_ns: int) -> tuple[Event, ...]:
+        del inputs, output, state, now_ns
+        return ()
+
+
+def tripped_by_hand_ended(operators: Operators) -> LoopBench:
+    """A run that ends by hand only, after a trip; the rig is well again."""
+    open_ended = replace(config(), duration_s=math.inf, waits_for_clearing=True)
+    bench = LoopBench(open_ended, operator=operators).run()
+    bench.levels_V = (*REST_V[:3], 9.6)
+    for _ in range(5):
+        if not bench.is_in(Mode.TRIPPED):
+            bench.step()
+    assert bench.cause is TripCause.HIGH_LEVEL
+    bench.levels_V = REST_V
+    return bench
+
+
+def test_a_tripped_run_waits_at_0_volts_for_an_operator_as_long_as_one_can_be_heard() -> None:
+    """When its channel was lost it waited for ever for a clear that could not come."""
+    operators = Operators()
+    bench = tripped_by_hand_ended(operators)
+    bench.step(100)
+    assert bench.loop.outcome is None
+    assert_off(bench.last)
+    operators.is_open = False
+    bench.step()
+    assert (bench.ended().status, bench.ended().reason) == ("tripped", "high_level")
+    assert_off(bench.last)
+
+
+def test_a_run_without_a_channel_ends_with_its_trip() -> None:
+    operators = Operators()
+    operators.is_open = False
+    bench = tripped_by_hand_ended(operators)
+    bench.step(5)
+    assert (bench.ended().status, bench.ended().reason) == ("tripped", "high_level")
+    assert_off(bench.last)

@@ -42,7 +42,9 @@ def ctl(
     values: Annotated[Optional[list[str]], typer.Argument(metavar="VALUES", help="What the action needs.")] = None,
     cm: Annotated[bool, typer.Option("--cm", help="Of reference: the values are levels in cm, not V.")] = False,
     change: Annotated[bool, typer.Option("--change", help="Of reference: the values are changes in V.")] = False,
-    ramp: Annotated[float, typer.Option(metavar="S", min=0.0, help="Of reference: time of the way there.")] = 0.0,
+    ramp: Annotated[
+        float, typer.Option(metavar="S", min=0.0, max=86400.0, help="Of reference: time of the way there.")
+    ] = 0.0,
     as_json: Annotated[bool, typer.Option("--json", help="Of status, watch: as JSON.")] = False,
     run: Annotated[Optional[Path], typer.Option(metavar="FOLDER", help="Which run. Default: the only one.")] = None,
     socket: Annotated[Optional[Path], typer.Option(metavar="PATH", help="Which run, by its socket.")] = None,

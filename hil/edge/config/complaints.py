@@ -11,10 +11,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from enum import Enum
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-from annotated_types import Ge, Gt, Le, Lt, MinLen
+from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
+
+from hil.core.counted import counted
 
 MAX_NAMED = 6
 MAX_SHOWN = 80
@@ -92,7 +94,18 @@ def accepted(kind: Any) -> str:
         return ("a whole number" if kind is int else "a number") + _limits(metadata)
     if isinstance(kind, type) and issubclass(kind, Enum):
         return "one of " + ", ".join(repr(choice.value) for choice in kind)
-    return {bool: "true or false", str: "a text"}.get(kind, "a table")
+    if kind is str:
+        return "a text" + _length(metadata)
+    return "true or false" if kind is bool else "a table"
+
+
+def _length(metadata: Iterable[Any]) -> str:
+    """Of a text."""
+    least = next((one.min_length for one in metadata if isinstance(one, MinLen)), 0)
+    most = next((one.max_length for one in metadata if isinstance(one, MaxLen)), None)
+    if most is None:
+        return f" of at least {counted(least, 'character')}" if least else ""
+    return f" of {least} to {most} characters" if least else f" of at most {counted(most, 'character')}"
 
 
 def _accepted_list(entries: Sequence[Any], metadata: Iterable[Any]) -> str:

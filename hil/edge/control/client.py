@@ -19,13 +19,17 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from hil.edge.control.socket_path import SOCKET_NAME, ControlError, RunningRun, running_runs
+from hil.edge.control.socket_path import MAX_LINE, SOCKET_NAME, ControlError, RunningRun, running_runs
 
 Message = dict[str, Any]
 
 MAX_MESSAGE = 1 << 20
 RETRIES, RETRY_S = 3, 0.1
 """For a socket on which nobody listens yet."""
+
+
+class RequestError(ControlError):
+    """A request that is not sent, because no run would read it."""
 
 
 class ControlClient:
@@ -77,11 +81,14 @@ class ControlClient:
         return self._socket.fileno()
 
     def send(self, do: str, **keys: object) -> int:
-        """Send a request and return its id, without waiting for the answer. Raises ControlError."""
+        """Send a request and return its id, without waiting for the answer.
+
+        Raises ControlError; RequestError for one that no run would read.
+        """
         request_id = next(self._ids)
-        message = {"v": 1, "id": request_id, "do": do, **keys}
+        line = _as_line({"v": 1, "id": request_id, "do": do, **keys})
         try:
-            self._socket.sendall(json.dumps(message, ensure_ascii=False).encode(errors="replace") + b"\n")
+            self._socket.sendall(line)
         except OSError as error:
             raise ControlError(f"the run is gone: {error.strerror or error}") from None
         return request_id
@@ -143,6 +150,17 @@ class ControlClient:
         line, _, self._read = self._read.partition(b"\n")
         message = json.loads(line)
         return message if isinstance(message, dict) else {}
+
+
+def _as_line(message: Message) -> bytes:
+    """A request for the socket. Raises RequestError."""
+    try:
+        line = json.dumps(message, ensure_ascii=False, allow_nan=False).encode(errors="replace") + b"\n"
+    except (TypeError, ValueError) as error:
+        raise RequestError(f"{message['do']}: JSON can't say this: {error}") from None
+    if len(line) > MAX_LINE:
+        raise RequestError(f"{message['do']}: a request of {len(line)} bytes; it may have {MAX_LINE}")
+    return line
 
 
 def _connect(connection: socket.socket, path: str, timeout_s: float) -> None:

@@ -11,7 +11,8 @@ from collections import deque
 from contextlib import suppress
 from os import getuid
 
-from hil.edge.control.messages import MAX_LINE, answer_line
+from hil.edge.control.messages import answer_line
+from hil.edge.control.socket_path import MAX_LINE
 
 MAX_BACKLOG = 256 * 1024
 """Bytes that may wait for a client; with more it is disconnected."""

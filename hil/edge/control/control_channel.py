@@ -88,6 +88,11 @@ class ControlChannel:
         self._socket.setblocking(False)
         self._config = config
 
+    @property
+    def is_open(self) -> bool:
+        """Whether requests can still come: it was opened, and its process is there as far as is known."""
+        return self._config is not None and not self._lost
+
     def requests(self) -> tuple[LiveRequest, ...]:
         """Those for this step: at most one of them moves water; a stop goes before all others."""
         self._read()

@@ -14,9 +14,6 @@ from hil.edge.config.scenario_file import BypassableName
 from hil.edge.config.settings_file import LevelCm, LevelVolts, Section, Volts
 
 VERSION = 1
-MAX_LINE = 4096
-"""Bytes of a request, with the end of the line."""
-
 MAX_RATE_HZ = 20.0
 MAX_RAMP_S = 86400.0
 MAX_SHELVE_S = 3600.0

@@ -18,6 +18,9 @@ from hil.edge.control.run_process import RunProcess, start_time
 MAX_PATH_BYTES = 107
 """Of a Unix socket on Linux: 108 with the zero at the end (man 7 unix)."""
 
+MAX_LINE = 4096
+"""Bytes of a request, with the end of the line."""
+
 SOCKET_NAME = "control.sock"
 PROBE_TIMEOUT_S = 1.0
 
