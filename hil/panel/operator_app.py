@@ -41,6 +41,13 @@ class OperatorApp(App[None]):
             line.set_classes(f"-{kind}" if kind else "")
             line.update(f" {text}")
 
+    def close_dialogs(self) -> bool:
+        """Close them without a request; whether there were any."""
+        had = len(self.screen_stack) > 1
+        while len(self.screen_stack) > 1:
+            self.pop_screen()
+        return had
+
     async def ask(self, request: EntryRequest) -> RunAnswer:
         """Send a request and show its answer."""
         answer = await self.connection.request(request.request)
@@ -73,8 +80,7 @@ class OperatorApp(App[None]):
 
     async def action_stop_run(self) -> None:
         """Stop the run: no question, in every dialog."""
-        while len(self.screen_stack) > 1:
-            self.pop_screen()
+        self.close_dialogs()
         self.say("■ STOP is being sent …", "refused")
         answer = await self.connection.request({"do": "stop"}, STOP_ANSWER_S)
         if answer.is_ok:

@@ -139,11 +139,14 @@ class PanelApp(OperatorApp):
     # what the run says
 
     def on_run(self, run: ShownRun) -> None:
-        """The connection is there."""
+        """The connection is there. What was being asked of the run before is not asked of another one."""
+        said = "? shows keys and signs."
+        if self.view.is_another(run) and self.close_dialogs():
+            said = f"Another run: {run.scenario} in {run.folder}. The dialog was closed."
         self.view.connected(run)
         self.process.note(run.pid)
         self.screen_stack[0].query_one(EventPage).on_resize()
-        self.say("? shows keys and signs.")
+        self.say(said)
         self.refresh_status()
 
     def on_state(self, state: ShownState) -> None:
@@ -167,7 +170,8 @@ class PanelApp(OperatorApp):
     def on_lost(self, reason: str) -> None:
         """Say so; and how the run ended, when its record has it."""
         if reason != self.view.lost and not self.view.ended:
-            self.say(f"{reason}. The panel connects as soon as it can.")
+            alive = " The run goes on, Ctrl+X stops it." if self.process.is_alive else ""
+            self.say(f"{reason}.{alive} The panel connects as soon as it can.")
         self.view.lost = reason
         if not self.view.ended and self.view.run.folder and not self.process.is_alive:
             self.view.ended = end_of_run(Path(self.view.run.folder))

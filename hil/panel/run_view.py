@@ -32,9 +32,13 @@ class RunView:
     lost: str = "not connected yet"
     ended: str = ""
 
+    def is_another(self, run: ShownRun) -> bool:
+        """Whether it is not the run that is shown; False for the first one."""
+        return bool(self.run.folder) and (run.folder, run.pid) != (self.run.folder, self.run.pid)
+
     def connected(self, run: ShownRun) -> None:
         """A greeting came. That of another run begins a new history."""
-        if (run.folder, run.pid) != (self.run.folder, self.run.pid):
+        if self.is_another(run):
             self.history.clear()
             self.events.clear()
             self.state = ShownState()

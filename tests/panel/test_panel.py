@@ -153,6 +153,30 @@ def test_a_lost_connection_is_said_and_made_again(tmp_path: Path) -> None:
     asyncio.run(session())
 
 
+def test_what_was_being_asked_of_a_run_is_not_asked_of_the_next_one(tmp_path: Path) -> None:
+    """The panel waits for the next run; a question that was open was sent to that one."""
+
+    async def session() -> None:
+        async with panel(tmp_path) as (run, pilot):
+            run.send_state()
+            await until(pilot, lambda: "live" in shown(pilot, "status"))
+            await pilot.press("m")
+            await type_into(pilot, "3.5", "3.5")
+            run.cut_off()  # the same run again: the question stands
+            await until(pilot, lambda: "CONNECTION LOST" in shown(pilot, "status"))
+            await until(pilot, lambda: "live" in shown(pilot, "status"))
+            assert len(pilot.app.screen_stack) == 2
+            run.hello = HELLO | {"folder": "/data/runs/other", "scenario": "other"}
+            run.cut_off()
+            await until(pilot, lambda: "Another run: other in /data/runs/other" in shown(pilot, "message"))
+            assert "The dialog was closed" in shown(pilot, "message")
+            await pilot.press("y")
+            await pilot.pause(0.1)
+            assert run.requests == []
+
+    asyncio.run(session())
+
+
 def test_the_stop_key_ends_a_run_that_does_not_answer(tmp_path: Path) -> None:
     """The channel hangs: SIGTERM, which every run takes as an orderly stop."""
     hanging = subprocess.Popen(["sleep", "60"])
