@@ -259,8 +259,16 @@ def main() -> None:
 
 
 def _wording(error: typer.TyperException) -> str:
+    """What is wrong on the command line; of a number: the value, and what it may be."""
     formatted = getattr(error, "format_message", None)
-    return str(formatted()) if callable(formatted) else str(error)
+    message = str(formatted()) if callable(formatted) else str(error)
+    option, errors = getattr(error, "param", None), getattr(error.__cause__, "errors", None)
+    low, high = getattr(option, "min", None), getattr(option, "max", None)
+    if low is None or errors is None:
+        return message
+    given = errors(include_url=False)[0]["input"]
+    limits = f"{low} or more" if high is None else f"{low} to {high}"
+    return f"{message.rpartition(': ')[0]}: {given}: must be a whole number, {limits}"
 
 
 def _complain(what: str, code: int) -> int:

@@ -41,9 +41,11 @@ class Session:
         self._pilot, self._app, self._folder = pilot, app, folder
 
     async def wait(self, holds: Callable[[PanelApp], bool], timeout_s: float = 90.0) -> None:
-        """Until something holds; TimeoutError when it does not."""
+        """Until something holds; TimeoutError when it does not, RuntimeError when the run has ended before."""
         async with asyncio.timeout(timeout_s):
             while not holds(self._app):
+                if self._app.view.ended:
+                    raise RuntimeError(f"the run has ended: {self._app.view.ended}")
                 await asyncio.sleep(0.1)
 
     async def wait_until(self, t_s: float) -> None:

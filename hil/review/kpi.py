@@ -109,7 +109,10 @@ def compute(folder: RunFolder, speed_x: float | None = None) -> Kpi:
     """
     ticks, events = read(folder, COLUMNS)
     manifest = folder.manifest()
-    kpi = with_parameters(evaluate(manifest, ticks, events, speed_x), manifest, ticks, events)
+    try:
+        kpi = with_parameters(evaluate(manifest, ticks, events, speed_x), manifest, ticks, events)
+    except RunFolderError as error:  # said of the settings, wherever they come from
+        raise RunFolderError(f"{folder.path}: {error}") from error
     write_atomically(folder.kpi_path, json.dumps(asdict(kpi), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
     return kpi
 

@@ -62,3 +62,23 @@ def test_an_error_without_words_is_named_by_its_type(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr("can.Bus", fail)
     with pytest.raises(cli.UsageError, match="cannot open the bus: NotImplementedError"):
         cli._serve_bus(rig_with(), CommandServer(rig_with()), "virtual", "somewhere", None)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--slcan", "70000"], "'--slcan': 70000: must be a whole number, 0 to 65535"),
+        (["--slcan", "x"], "'--slcan': x: must be a whole number, 0 to 65535"),
+        (["--pty", "--seed", "-1"], "'--seed': -1: must be a whole number, 0 or more"),
+        (["-i", "virtual", "-c", "a", "-b", "0"], "'-b' / '--bitrate': 0: must be a whole number, 1 or more"),
+    ],
+)
+def test_a_number_that_an_option_does_not_take_is_named_with_what_it_takes(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], arguments: list[str], said: str
+) -> None:
+    """It named the limit, but not the value."""
+    monkeypatch.setattr("sys.argv", ["firmware-sim", *arguments])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert end.value.code == 2
+    assert capsys.readouterr().err == f"firmware-sim: Invalid value for {said}\n"

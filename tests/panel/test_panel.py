@@ -22,6 +22,7 @@ from hil.panel.run_view import RunView
 from hil.panel.tank_drawing import tank_picture
 from hil.panel.trend_drawing import trend_chart
 from tests.panel.fake_run import ALARM, HELLO, FakeRun, fake_run
+from tools.panel_pictures import Session
 
 
 @asynccontextmanager
@@ -173,6 +174,20 @@ def test_what_was_being_asked_of_a_run_is_not_asked_of_the_next_one(tmp_path: Pa
             await pilot.press("y")
             await pilot.pause(0.1)
             assert run.requests == []
+
+    asyncio.run(session())
+
+
+def test_a_session_that_makes_pictures_ends_with_its_run(tmp_path: Path) -> None:
+    """It waited five minutes for a time that a tripped run never reaches."""
+
+    async def session() -> None:
+        async with panel(tmp_path) as (run, pilot):
+            assert isinstance(pilot.app, PanelApp)
+            run.send_state(t_s=1.0)
+            run.send(event={"t_s": 2.0, "severity": "ERROR", "code": "end", "text": "tripped: dry_run", "data": {}})
+            with pytest.raises(RuntimeError, match="the run has ended: tripped: dry_run"):
+                await asyncio.wait_for(Session(pilot, pilot.app, tmp_path).wait_until(45.0), 20.0)
 
     asyncio.run(session())
 

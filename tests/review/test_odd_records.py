@@ -14,6 +14,7 @@ import hil
 from hil.edge.record.json_text import read_json, whole_text
 from hil.edge.record.record_errors import RunFolderError
 from hil.edge.record.run_folder import RunFolder
+from hil.review import kpi
 from hil.review.ticks import MissingColumnError, Ticks, parse_events, parse_ticks
 from tests.review import toy
 
@@ -94,3 +95,13 @@ def test_a_run_without_its_tables_can_still_be_shown(tmp_path: Path) -> None:
     shutil.rmtree(folder.path)
     with pytest.raises(RunFolderError, match="can't be read"):
         folder.manifest()
+
+
+def test_a_run_without_a_rig_in_its_settings_is_named_by_its_folder(whole_run: RunFolder, tmp_path: Path) -> None:
+    """The line did not say of which run, where `hil report --compare` reads two."""
+    shutil.copytree(whole_run.path, tmp_path / "run")
+    folder = RunFolder.open(tmp_path / "run")
+    raw: dict[str, Any] = json.loads(folder.manifest_path.read_text())
+    folder.manifest_path.write_text(json.dumps({**raw, "settings": {}}))
+    with pytest.raises(RunFolderError, match=r"/run: run\.json's settings have no rig\.sensors\.gain_V_cm"):
+        kpi.compute(folder)
