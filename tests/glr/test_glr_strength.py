@@ -59,12 +59,13 @@ def test_nothing_is_reported_while_an_alarm_is_open_or_a_pump_stands_still() -> 
 def test_a_change_keeps_the_number_and_the_file_s_share_ends_it() -> None:
     m = a_memory(0.8, 0.01)
     first = alarms_of(m, 15.0)
-    m.x[SCALE] = 0.74
+    m.t_s, m.x[SCALE] = 20.0, 0.74
     second = alarms_of(m, 15.0)
-    m.x[SCALE] = 1.01
+    m.t_s, m.x[SCALE] = 40.0, 1.01
     third = alarms_of(m, 15.0)
     assert [alarm.number for alarm in (*first, *second, *third)] == [1, 1, 1]
     assert [alarm.is_recovery for alarm in (*first, *second, *third)] == [False, False, True]
+    assert [alarm.detected_s for alarm in (*first, *second, *third)] == [0.0, 0.0, 40.0], "a recovery has its own time"
     assert declaration.effectiveness(m) == (1.0, 1.0)
 
 

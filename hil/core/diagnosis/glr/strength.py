@@ -98,7 +98,7 @@ def _report(m: Memory, pump: int, share: float, std: float) -> Alarm:
     else:
         m.strength[pump] = told._replace(share=min(share, MAX_STRENGTH))
     return Alarm(
-        detected_s=told.detected_s,
+        detected_s=m.t_s if is_recovery else told.detected_s,
         kind="pump_effectiveness",
         target=pump + 1,
         size=share,
