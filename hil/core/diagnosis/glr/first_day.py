@@ -14,7 +14,7 @@ Why: `docs/decisions/0028-model-error.md`.
 
 from __future__ import annotations
 
-from math import inf
+from math import inf, sqrt
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from hil.core.diagnosis.glr import kernels, own_verdict
 from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE, StepResult
 from hil.core.diagnosis.glr.hypotheses import BOTH, LAGS, PUMPS, jumps_of
 from hil.core.diagnosis.glr.memory import DetectorConfig, Memory, Wide
-from hil.core.diagnosis.glr.model import GAIN, LAG, OUTLET, PUMP, RATE, SCALE, ZONE, Array
+from hil.core.diagnosis.glr.model import BEND, GAIN, LAG, OUTLET, PUMP, RATE, SCALE, ZONE, Array
 from hil.core.diagnosis.glr.refilter import RING
 
 WIDE_SHARE = 0.5
@@ -42,9 +42,9 @@ off, within this time: later that is a fault that grows. And for so long: before
 follows it for some steps. It is looked at every so many steps."""
 
 STILL_V = 0.1
-"""A lag shows in what a pump still has to follow. With less, its estimate in a wide filter only follows those of the
-other parameters: in the ramp of a start phase it went from twice to a twentieth of the file's, with a true one of three
-times, so that the end of the ramp was a fault."""
+"""A lag shows in what a pump may still have to follow. With less, its estimate in a wide filter only follows those of
+the other parameters: in the ramp of a start phase it went from twice to a twentieth of the file's, with a true one of
+three times, so that the end of the ramp was a fault."""
 
 _OF_RIG = np.array([SCALE, SCALE + 1, *range(OUTLET, OUTLET + 4)])
 _RESULT = StepResult.empty()
@@ -82,13 +82,25 @@ def step(config: DetectorConfig, m: Memory, log_likelihood: float) -> None:
 def filter_step(config: DetectorConfig, x: Array, P: Array, entry: Array, result: StepResult) -> float:
     """One step of a wide filter, in place; the log-likelihood of the readings. A lag that does not show stays."""
     lags, variances = x[LAG : LAG + 2].tolist(), P.diagonal()[LAG : LAG + 2].tolist()
-    gaps_V = [kernels.flow_voltage(x, j, entry[VOLTAGE + j])[0] - x[PUMP + j] for j in range(2)]
+    gaps_V = [_gap_V(x, P, j, float(entry[VOLTAGE + j])) for j in range(2)]
     likelihood: float = kernels.filter_step(config.model, x, P, entry, result)
     for j in range(2):
-        if abs(gaps_V[j]) < STILL_V:
+        if gaps_V[j] < STILL_V:
             x[LAG + j], P[LAG + j, LAG + j] = lags[j], variances[j]
             result.K[LAG + j] = 0.0
     return likelihood
+
+
+def _gap_V(x: Array, P: Array, pump: int, voltage_V: float) -> float:  # noqa: N802 - a unit
+    """What a pump may still have to follow at this voltage: the estimate, and one standard deviation of it."""
+    flow_V, by_zone, by_bend = kernels.flow_voltage(x, pump, voltage_V)
+    at, zone, bend = PUMP + pump, ZONE + pump, BEND + pump
+    variance = float(
+        P[at, at]
+        + by_zone * (by_zone * P[zone, zone] + 2.0 * (by_bend * P[zone, bend] - P[zone, at]))
+        + by_bend * (by_bend * P[bend, bend] - 2.0 * P[bend, at])
+    )
+    return abs(float(flow_V - x[at])) + sqrt(max(variance, 0.0))
 
 
 def _watch_file(config: DetectorConfig, m: Memory, wide: Wide) -> None:
