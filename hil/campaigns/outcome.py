@@ -65,6 +65,7 @@ def evaluate(
 ) -> Row:
     """The run's row."""
     run_s = float(seen.steps[-1, 0]) + bench.period_s if len(seen.steps) else 0.0
+    began_s = float(seen.steps[0, 0]) if len(seen.steps) else 0.0  # below zero by what a start phase takes
     planned = injected(case.faults)
     faults = tuple(fault for fault in planned if fault.at_s < run_s)  # a run may end, by a trip, before its fault
     process = [fault for fault in faults if fault.is_of_the_process]
@@ -84,14 +85,14 @@ def evaluate(
         **_errors(bench, seen, faults),
         **_safety(bench, seen, rest, faults),
         **_ending(seen, ending),
-        **_attention(seen, run_s),
+        **_attention(seen, began_s, run_s),
         "windows_json": _json(control_figures.of_windows(seen, bench.windows, bench.level_gain_V_cm, bench.period_s)),
     }
     return Row(
         bound_s=None if bound_s is None else bound_s(case),
         not_played=len(planned) - len(faults),
-        hours=run_s / 3600.0,
-        healthy_h=healthy_s / 3600.0,
+        hours=(run_s - began_s) / 3600.0,
+        healthy_h=(healthy_s - began_s) / 3600.0,
         crashed=False,
         steps=len(seen.steps),
         wall_s=elapsed.wall_s,
@@ -249,9 +250,9 @@ def _ending(seen: Observations, ending: Ending) -> dict[str, Any]:
     }
 
 
-def _attention(seen: Observations, run_s: float) -> dict[str, Any]:
+def _attention(seen: Observations, began_s: float, run_s: float) -> dict[str, Any]:
     happened = (LoggedEvent(t_s, event.severity, event.code, event.text, event.data) for t_s, event in seen.events)
-    load = alarm_load(happened, 0.0, run_s)
+    load = alarm_load(happened, began_s, run_s)
     return {
         "alarm_count": load.count,
         "alarm_peak_10_min": load.peak_10_min,

@@ -45,7 +45,8 @@ class Row:
     an alarm that is still open, and nothing else is named.
     grown_s, named_s : of growing faults, see `growing`.
     alarm_* : how much the run asks an operator to look at, see `hil.review.alarm_load`.
-    healthy_h : hours before the first fault of the process. spilled_cm3 : what went over a rim.
+    hours : of control, with a start phase. healthy_h : those before the first fault of the process.
+    spilled_cm3 : what went over a rim.
     overflow to crashed : the invariants, true where broken; broken : in words. wall_s, cpu_s : elapsed time, and
     processor time, which other programs don't lengthen.
     """

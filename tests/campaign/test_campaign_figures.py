@@ -56,6 +56,12 @@ def test_a_run_says_how_much_it_asks_an_operator_to_look_at() -> None:
     assert "1, 0" in text
 
 
+def test_the_time_of_a_start_phase_counts_also_when_the_run_ends_in_it() -> None:
+    t_s = np.arange(100) * 0.1 - 12.0
+    row = judged(seen(t_s=t_s))
+    assert (row.hours, row.healthy_h) == pytest.approx((10.0 / 3600, 10.0 / 3600))
+
+
 def test_a_healthy_run_breaks_nothing() -> None:
     one = judged(seen())
     assert (one.breaks, one.broken, one.level_max_cm) == ((), "", 10.0)
