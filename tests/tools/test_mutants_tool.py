@@ -1,5 +1,6 @@
 """The mutation tool: what it draws, and that it tells a mutant that a test kills from one that survives."""
 
+import os
 import subprocess
 import sys
 import tomllib
@@ -89,6 +90,44 @@ def test_a_test_that_fails_without_any_change_kills_nothing(toy: Path) -> None:
     done = judged(toy)
     assert done.returncode == 1
     assert "fails without any change: tests/toy/test_limits.py::test_the_limit_itself_is_not_over_it" in done.stderr
+
+
+NAMED = """
+import sys
+import pytest
+from tools.mutants.run import OnlyThese
+
+class Seen:
+    @pytest.hookimpl(wrapper=True, tryfirst=True)
+    def pytest_pycollect_makeitem(self, name):
+        made = yield
+        if made:
+            print("made", name)
+        return made
+
+named = [sys.argv[1] + "::" + test for test in sys.argv[2:]]
+sys.exit(pytest.main(["-s", "-p", "no:cacheprovider", *named], [OnlyThese(named), Seen()]))
+"""
+THREE = """import pytest
+
+@pytest.mark.parametrize("x", [1, 2])
+def test_a(x): pass
+def test_b(): raise ValueError("not asked for")
+class TestC:
+    def test_a(self): pass
+    def test_c(self): raise ValueError("not asked for")
+"""
+
+
+def test_of_tests_named_one_by_one_these_run_and_other_functions_are_not_even_made(tmp_path: Path) -> None:
+    (tmp_path / "test_three.py").write_text(THREE)
+    command = [sys.executable, "-c", NAMED, "test_three.py", "test_a[2]", "TestC::test_a"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+    made = {line for line in done.stdout.splitlines() if line.startswith("made ")}
+    assert made == {"made test_a", "made TestC", "made test_c"}, done.stdout
+    assert "2 passed" in done.stdout
 
 
 def test_a_change_elsewhere_in_a_module_does_not_move_the_draw(toy: Path) -> None:

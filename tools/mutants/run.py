@@ -6,6 +6,7 @@ import ast
 import contextlib
 import gc
 import importlib
+import io
 import os
 import shutil
 import signal
@@ -29,10 +30,13 @@ from tools.mutants.generate import Mutant
 MAX_TEST_CPU_S, MAX_TEST_S, MAX_MUTANT_S = 90.0, 300.0, 1800.0
 """A mutant is killed by the clock when one test, or all of them, take longer; the slowest test takes 15 s."""
 
+UNUSED = ("junitxml", "pastebin", "doctest", "stepwise", "setuponly", "setupplan", "faulthandler", "legacypath")
+"""Plugins of pytest that no test needs to judge a mutant; each fork would set them up."""
 OPTIONS = (
     "-x", "-q", "--tb=no", "--assert=plain", "--capture=no", "--no-header", "-W", "ignore",
     *("-p", "no:cacheprovider"), *("-p", "no:unraisableexception"), *("-p", "_hypothesis_pytestplugin"),
     *("-m", "not live and not long and not socketcan"),
+    *(word for plugin in UNUSED for word in ("-p", f"no:{plugin}")),
 )  # fmt: skip
 POLL_S = 0.005
 LIKELY = 6
@@ -146,6 +150,8 @@ def _preload(tests: set[tuple[Path, str]]) -> None:
         importlib.import_module(test.removesuffix(".py").replace("/", "."))
     for name in [name for name in sys.modules if name.partition(".")[0] in OURS]:
         _imports(name)  # kept for the forks
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        pytest.main([*OPTIONS, "--version"])  # imports the plugins of pytest
 
 
 def _judge(target: Target, mutant: Mutant, likely: Sequence[str], pipe: int) -> None:
@@ -180,7 +186,8 @@ def _judge(target: Target, mutant: Mutant, likely: Sequence[str], pipe: int) -> 
 def _run(target: Target, tests: Sequence[str], pipe: int) -> int:
     """Run these tests up to the first that fails; pytest's exit code, 0 where there are none."""
     options = [*OPTIONS, "-c", str(target.root / "pyproject.toml")]
-    code = int(pytest.main([*options, *(str(target.root / test) for test in tests)], [_Watcher(pipe)]))
+    plugins = [_Watcher(pipe), *([OnlyThese(tests)] if all("::" in test for test in tests) else [])]
+    code = int(pytest.main([*options, *(str(target.root / test) for test in tests)], plugins))
     return 0 if code == pytest.ExitCode.NO_TESTS_COLLECTED else code
 
 
@@ -232,6 +239,21 @@ class _Watcher:
         ):
             signal.signal(number, lambda _number, _frame: os._exit(TIMED_OUT_EXIT))
             signal.setitimer(timer, limit_s)
+
+
+class OnlyThese:
+    """A plugin of pytest for tests named one by one: makes no others of their files, one of which has a thousand.
+
+    Of a class that is named it makes all tests, and of a function those of all its parameters.
+    """
+
+    def __init__(self, tests: Sequence[str]) -> None:
+        self._names = {test.split("::")[1].partition("[")[0] for test in tests}
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_pycollect_makeitem(self, collector: pytest.Module | pytest.Class, name: str) -> list[pytest.Item] | None:
+        """No tests of what has another name; None leaves it to pytest."""
+        return None if isinstance(collector, pytest.Class) or name in self._names else []
 
 
 def _forget(target: Target) -> None:
