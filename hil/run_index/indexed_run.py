@@ -116,7 +116,8 @@ def _duration_s(manifest: Manifest, figures: Mapping[str, Any]) -> float | None:
     if manifest.ended_utc is None or manifest.plan.mode != "live":
         return None
     began, ended = datetime.fromisoformat(manifest.started_utc), datetime.fromisoformat(manifest.ended_utc)
-    return (ended - began).total_seconds()
+    passed_s = (ended - began).total_seconds()
+    return passed_s if passed_s >= 0.0 else None  # the wall clock was set back meanwhile
 
 
 def _count(figures: Mapping[str, Any], key: str) -> int | None:

@@ -34,6 +34,20 @@ def test_a_run_without_key_figures_and_a_killed_run_are_rows(make_run: MakeRun, 
     assert "hil report" in row.problem
 
 
+@pytest.mark.parametrize(
+    ("ended", "expected"), [("2026-11-20T08:01:00+00:00", 60.0), ("2026-11-20T06:01:00+00:00", None)]
+)
+def test_a_wall_clock_that_was_set_back_makes_no_negative_duration(
+    make_run: MakeRun, tmp_path: Path, ended: str, expected: float | None
+) -> None:
+    """Of a live run without key figures, whose duration is only known from its beginning and end."""
+    manifest = make_run("set_back", figures=None) / "run.json"
+    raw = json.loads(manifest.read_text())
+    manifest.write_text(json.dumps(raw | {"mode": "live", "ended_utc": ended}))
+    (row,) = index_of(tmp_path / "runs")
+    assert row.duration_s == expected
+
+
 def test_runs_within_folders_are_found_but_not_those_that_are_hidden_or_too_deep(
     make_run: MakeRun, tmp_path: Path
 ) -> None:
