@@ -60,6 +60,9 @@ def run(options: CtlOptions) -> int:
         return complain(str(error), exit_codes.BAD_INPUT)
     except ControlError as error:
         return _without_answer(options, str(error))
+    except (AttributeError, KeyError, TypeError) as error:  # of another version, or no run at all
+        text = f"its answer is not in the form that this hil knows ({type(error).__name__}: {error})"
+        return _without_answer(options, text)
 
 
 def _without_answer(options: CtlOptions, why: str) -> int:

@@ -148,7 +148,10 @@ class ControlClient:
                 raise ControlError("the run is gone")
             self._read += data
         line, _, self._read = self._read.partition(b"\n")
-        message = json.loads(line)
+        try:
+            message = json.loads(line)
+        except (ValueError, RecursionError):
+            raise ControlError("what listens there is no run: it does not send JSON") from None
         return message if isinstance(message, dict) else {}
 
 
