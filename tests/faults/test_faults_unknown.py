@@ -68,7 +68,7 @@ TWINS = [
 
 @pytest.mark.parametrize("twin", first(2, *TWINS))
 def test_two_faults_at_the_same_moment_stay_safe(twin: tuple[str, float, str, float]) -> None:
-    """Only the two pumps are one hypothesis. What else comes at once is unknown, or has other names, but stays safe.
+    """Two like faults of pumps, valves or tanks have their names. What else comes at once is unknown, or has others.
 
     Of two pumps that were named wrongly before that, one name stood on when the unknown took the other back.
     """

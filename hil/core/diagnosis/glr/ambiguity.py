@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE
-from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, H, drift_of, outlet_of
+from hil.core.diagnosis.glr.hypotheses import ALL, JUMPS, H, drift_of, jumps_of, outlet_of
 from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
 from hil.core.diagnosis.glr.model import BIAS, DRIFT, LEVEL, OUTLET, Array
 from hil.core.types import OpenQuestion
@@ -39,10 +39,10 @@ def is_drift_or_level(config: DetectorConfig, m: Memory, number: int, *, is_late
     shows the tank fill. number : the hypothesis that would be declared. is_late : whether it would be for lack of time.
     """
     r, tuning = m.replays, config.tuning
-    if number == BOTH or not (OUTLET <= JUMPS[number].state < OUTLET + 2 or DRIFT <= JUMPS[number].state < DRIFT + 2):
+    if number >= H or not (OUTLET <= JUMPS[number].state < OUTLET + 2 or DRIFT <= JUMPS[number].state < DRIFT + 2):
         return False
     if JUMPS[number].state >= DRIFT:
-        rivals = [r.evidence[n] for n in range(H + 1) if n == BOTH or JUMPS[n].state < BIAS]
+        rivals = [r.evidence[n] for n in range(ALL) if JUMPS[jumps_of(n)[0]].state < BIAS]
         is_slow = abs(float(r.x[number, JUMPS[number].state])) < SLOW_DRIFT_V_S and not has_moved(m)
         return bool(r.evidence[number] - max(rivals) < tuning.drift_margin * (2.0 if is_slow else 1.0))
     drift = next(n for n, jump in enumerate(JUMPS) if jump.state == DRIFT + JUMPS[number].state - OUTLET)
@@ -57,7 +57,7 @@ def safer(config: DetectorConfig, m: Memory, number: int, evidence: Array) -> in
 
     A drift keeps the sensor's veto on a high level. A falling drift that is taken for a leak lets the tank fill.
     """
-    if number == BOTH or not OUTLET <= JUMPS[number].state < OUTLET + LOWER:
+    if number >= H or not OUTLET <= JUMPS[number].state < OUTLET + LOWER:
         return number
     state = JUMPS[number].state
     is_leak = m.replays.x[number, state] > m.replays.before[number, state]
@@ -120,7 +120,7 @@ def open_question(config: DetectorConfig, m: Memory) -> OpenQuestion | None:
         apart_cm = abs(float(m.rival.own_x[LEVEL + m.rival.sensor] - m.rival.x[LEVEL + m.rival.sensor]))
         return OpenQuestion(alarm=m.rival.suspicion.number, tank=m.rival.sensor + 1, apart_cm=apart_cm)
     number, leader = m.suspicion.number, m.suspicion.leader
-    if number is None or leader is None or leader == BOTH:
+    if number is None or leader is None or leader >= H:
         return None
     state = JUMPS[leader].state
     for first in (OUTLET, DRIFT):

@@ -10,7 +10,7 @@ from math import inf, nan, sqrt
 from hil.core.diagnosis.glr import growth, inflow_check, strength, stuck_check
 from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE
 from hil.core.diagnosis.glr.growth import NO_GROWTH
-from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, LAGS, PUMPS, SPLITS
+from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, LAGS, PUMPS, SPLITS, jumps_of
 from hil.core.diagnosis.glr.memory import Declared, DetectorConfig, Lost, Memory, Suspicion
 from hil.core.diagnosis.glr.model import BIAS, DRIFT, GAIN, LAG, LEAK, OUTLET, PUMP, RATE, SPLIT, Array
 from hil.core.types import UNRESOLVED, Alarm, Pair
@@ -128,10 +128,10 @@ def unresolved(m: Memory, suspicion: Suspicion, numbers: list[int]) -> Alarm:
     """The alarm while several hypotheses remain, the likeliest first."""
     names: dict[str, None] = {}
     for number in numbers:
-        for j in PUMPS if number == BOTH else (number,):
+        for j in jumps_of(number):
             state = JUMPS[j].state
             size = m.replays.x[number, state] - m.replays.before[number, state]
-            if m.best.slot[number] >= 0 and m.best.ratio[number] > 0.0:
+            if number <= BOTH and m.best.slot[number] >= 0 and m.best.ratio[number] > 0.0:
                 size = m.bank.match[j, m.best.slot[number]]
             kind = JUMPS[j].rises if size > 0.0 else JUMPS[j].falls
             if kind:

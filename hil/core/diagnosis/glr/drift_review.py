@@ -15,7 +15,7 @@ import numpy as np
 from hil.core.diagnosis.glr import declaration
 from hil.core.diagnosis.glr.ambiguity import MEAN_S, MOVED_V
 from hil.core.diagnosis.glr.filter import PERIOD, READING, VOLTAGE
-from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, outlet_of
+from hil.core.diagnosis.glr.hypotheses import JUMPS, H, outlet_of
 from hil.core.diagnosis.glr.memory import DetectorConfig, Lost, Memory, Rival, Suspicion
 from hil.core.diagnosis.glr.model import BIAS, DRIFT, LEVEL, OUTLET
 from hil.core.types import Alarm, Measurement
@@ -34,11 +34,11 @@ def rival_of(
     whether the pumps moved before the declaration.
     """
     r, tuning = m.replays, config.tuning
-    if winner == BOTH or JUMPS[winner].state < DRIFT:
+    if winner >= H or JUMPS[winner].state < DRIFT:
         return None
     near = r.evidence >= r.evidence[winner] - tuning.drop_margin
     for number in (outlet_of(JUMPS[winner].target), *order):
-        if number != BOTH and OUTLET <= JUMPS[number].state < BIAS and near[number] and not r.dropped[number]:
+        if number < H and OUTLET <= JUMPS[number].state < BIAS and near[number] and not r.dropped[number]:
             return Rival(
                 number=number,
                 suspicion=suspicion,

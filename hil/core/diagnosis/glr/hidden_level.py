@@ -10,7 +10,7 @@ from __future__ import annotations
 from math import inf, sqrt
 
 from hil.core.diagnosis.glr.ambiguity import LOWER
-from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, drift_of
+from hil.core.diagnosis.glr.hypotheses import JUMPS, drift_of, jumps_of
 from hil.core.diagnosis.glr.memory import DetectorConfig, Hidden, Memory
 from hil.core.diagnosis.glr.model import DRIFT, LEVEL, Array
 from hil.core.types import Pair
@@ -25,7 +25,7 @@ def begin(config: DetectorConfig, m: Memory, winner: int) -> Hidden | None:
 
     Of two the likelier. winner : the hypothesis that is declared.
     """
-    if winner != BOTH and JUMPS[winner].state >= DRIFT:
+    if JUMPS[jumps_of(winner)[0]].state >= DRIFT:
         return None
     r = m.replays
     least = float(r.evidence[winner]) - config.tuning.detect

@@ -52,9 +52,26 @@ BOTH = H
 """Number of the hypothesis that both pumps jumped at once."""
 
 
+def _places(state: int) -> tuple[int, int]:
+    """Places in JUMPS of a state and of the next one."""
+    first, second = (next(n for n, jump in enumerate(JUMPS) if jump.state == state + i) for i in range(2))
+    return first, second
+
+
+PAIRS: tuple[tuple[int, int], ...] = (PUMPS, SPLITS, _places(OUTLET), _places(OUTLET + 2), _places(LEAK))
+"""The two jumps of each hypothesis from BOTH on, of one sign: pumps; valves; outlets of the lower tanks; outlets of the
+upper tanks; leaks of the upper tanks."""
+
+ALL = H + len(PAIRS)
+"""The number of hypotheses: single jumps, then pairs."""
+
+PAIR_ODDS = -6.0
+"""Log-likelihood ratio, before any reading, of the pairs that are not the pumps: they are rare."""
+
+
 def jumps_of(number: int) -> tuple[int, ...]:
     """The places in JUMPS that a hypothesis is about."""
-    return PUMPS if number == BOTH else (number,)
+    return PAIRS[number - H] if number >= H else (number,)
 
 
 def drift_of(tank: int) -> int:
@@ -110,5 +127,5 @@ VARIANTS: tuple[Variant, ...] = (
         if OUTLET <= jump.state < OUTLET + 2
     ),
 )
-ROWS = H + 1 + len(VARIANTS)
+ROWS = ALL + len(VARIANTS)
 """Replays: one for each hypothesis, then the variants."""

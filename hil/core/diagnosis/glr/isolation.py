@@ -19,6 +19,7 @@ from hil.core.diagnosis.glr import (
     kernels,
     onsets,
     own_verdict,
+    pairs,
     rollback,
     stuck_check,
     unknown,
@@ -27,7 +28,7 @@ from hil.core.diagnosis.glr.ambiguity import NO_EVIDENCE
 from hil.core.diagnosis.glr.declaration import IDLE_V
 from hil.core.diagnosis.glr.filter import VOLTAGE
 from hil.core.diagnosis.glr.growth import NO_GROWTH
-from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, PUMPS, ROWS, VARIANTS, H, jumps_of
+from hil.core.diagnosis.glr.hypotheses import ALL, BOTH, JUMPS, PUMPS, ROWS, VARIANTS, H, jumps_of
 from hil.core.diagnosis.glr.memory import Checkpoint, DetectorConfig, Memory, Suspicion
 from hil.core.diagnosis.glr.model import BIAS, DRIFT, GAIN, Array
 from hil.core.diagnosis.glr.refilter import Replays
@@ -83,10 +84,11 @@ def suspect(config: DetectorConfig, m: Memory) -> None:
         own = m.best.slot[number] >= 0 and m.best.ratio[number] >= FAR_BEHIND * m.max_ratio
         slots.append(int(m.best.slot[number if own else leader]))
         onsets.begin(m, m.replays, number, number, PLAIN, slots[number])
+    pairs.begin(config, m)
     for place, variant in enumerate(VARIANTS):
         slot = slots[variant.number] if variant.rate == 0.0 else onsets.earlier(m, slots[variant.number], slots[leader])
         slot = slot if variant.onset_of is None else slots[variant.onset_of]
-        onsets.begin(m, m.replays, H + 1 + place, variant.number, place, slot)
+        onsets.begin(m, m.replays, ALL + place, variant.number, place, slot)
 
 
 def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Alarm]:
@@ -97,7 +99,7 @@ def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Ala
     evidence, order = _evidence(m)
     suspicion.leader = order[0]
     _speak(config, m, suspicion)
-    state = JUMPS[order[0]].state if order[0] != BOTH else GAIN
+    state = JUMPS[jumps_of(order[0])[0]].state
     is_bias, is_drift = BIAS <= state < DRIFT, state >= DRIFT
     is_seen = m.now - int(r.onset[order[0]]) >= (tuning.min_drift_steps if is_drift else tuning.min_steps)
     winner = None
@@ -117,7 +119,8 @@ def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Ala
     is_late = m.t_s - suspicion.detected_s >= tuning.resolve_within_s
     is_possible = evidence[order[0]] > NO_EVIDENCE
     is_overtaken = is_possible and _is_overtaken(config, m, order[0]) and not m.is_doubtful
-    if winner is None and is_possible and (is_late or is_overtaken):
+    is_single_late = is_late and order[0] <= BOTH  # two other faults at once are not declared for lack of time
+    if winner is None and is_possible and (is_single_late or is_overtaken):
         winner = ambiguity.safer(config, m, order[0], evidence) if is_overtaken else order[0]
     if is_late and winner is not None and not is_overtaken and ambiguity.is_led_by_small(m, winner):
         winner = None
@@ -129,7 +132,7 @@ def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Ala
     if not m.is_doubtful and (winner is not None or open_s >= QUIET_S):
         own = own_verdict.own_instead(config, m, order[0])
         winner = winner if own is None else own
-    likeliest = order[0] if is_possible else int(np.argmax(r.evidence[: H + 1]))
+    likeliest = order[0] if is_possible else int(np.argmax(r.evidence[:ALL]))
     best = likeliest if winner is None else winner
     if not m.is_doubtful and unknown.fits_badly(m, best, at_fit=_has_explained(config, m, best)):
         winner = None
@@ -230,19 +233,22 @@ def _runs_backwards(r: Replays, number: int, state: int) -> bool:
 
 def _leader(config: DetectorConfig, m: Memory, evidence: Array, order: list[int]) -> int | None:
     """The hypothesis that leads by enough, or None."""
-    first, second = [number for number in order if number != BOTH][:2]
+    if order[0] > BOTH:
+        return pairs.leader(config, m, evidence, order)
+    first, second = [number for number in order if number < H][:2]
     margin = config.tuning.margin * unknown.dispersion(m, first)
     if evidence[first] - ambiguity.best_small(m) < margin:
         return None
+    pair = pairs.best_without(evidence, first)
     if first not in PUMPS:
         if evidence[BOTH] - evidence[first] >= margin:
-            return BOTH
-        return first if evidence[first] - max(evidence[second], evidence[BOTH]) >= margin else None
+            return BOTH if evidence[BOTH] - pair >= margin else None
+        return first if evidence[first] - max(evidence[second], evidence[BOTH], pair) >= margin else None
     if evidence[BOTH] - evidence[first] >= config.tuning.both_lead:
-        return BOTH if evidence[BOTH] - evidence[first] >= margin else None
+        return BOTH if evidence[BOTH] - max(evidence[first], pair) >= margin else None
     other = PUMPS[1 - first]
     is_alone = _is_known(config, m, other) or float(m.entry[VOLTAGE + other]) < IDLE_V
-    return first if is_alone and evidence[first] - evidence[second] >= margin else None
+    return first if is_alone and evidence[first] - max(evidence[second], pair) >= margin else None
 
 
 def _is_overtaken(config: DetectorConfig, m: Memory, number: int) -> bool:
@@ -343,12 +349,12 @@ def _checkpoint(m: Memory, onset: int) -> Checkpoint:
 
 
 def _evidence(m: Memory) -> tuple[Array, list[int]]:
-    """(H + 1,) log-likelihood ratios, NO_EVIDENCE for the impossible; the hypotheses' numbers, the likeliest first."""
+    """(ALL,) log-likelihood ratios, NO_EVIDENCE for the impossible; the hypotheses' numbers, the likeliest first."""
     r = m.replays
-    for row, variant in enumerate(VARIANTS, H + 1):
+    for row, variant in enumerate(VARIANTS, ALL):
         if not r.dropped[row] and r.evidence[row] > r.evidence[variant.number] + VARIANT_MARGIN:
             r.swap(variant.number, row)
-    ratios = enumerate(r.evidence[: H + 1])
+    ratios = enumerate(r.evidence[:ALL])
     evidence = np.array([value if _is_possible(m, number) else NO_EVIDENCE for number, value in ratios])
     return evidence, [int(number) for number in np.argsort(-evidence)]
 

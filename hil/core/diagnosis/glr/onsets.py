@@ -11,7 +11,7 @@ import numpy as np
 from hil.core.diagnosis.glr import kernels
 from hil.core.diagnosis.glr.bank import MAX_AGE, SLOTS
 from hil.core.diagnosis.glr.filter import PERIOD
-from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, ROWS, VARIANTS, H, Variant, jumps_of
+from hil.core.diagnosis.glr.hypotheses import ALL, JUMPS, ROWS, VARIANTS, H, Variant, jumps_of
 from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
 from hil.core.diagnosis.glr.model import BIAS, DRIFT, OUTLET
 from hil.core.diagnosis.glr.refilter import Replays
@@ -62,7 +62,7 @@ def begin(m: Memory, replays: Replays, row: int, number: int, variant: int, slot
 
 def alike(number: int) -> tuple[int, ...]:
     """The leaks and blockages of the tank whose sensor a drift is about: they change the same reading at first."""
-    if number == BOTH or JUMPS[number].state < DRIFT:
+    if number >= H or JUMPS[number].state < DRIFT:
         return ()
     tank = JUMPS[number].target
     return tuple(n for n, jump in enumerate(JUMPS) if OUTLET <= jump.state < BIAS and jump.target == tank)
@@ -73,7 +73,7 @@ def sharpen(config: DetectorConfig, m: Memory, number: int) -> None:
 
     Each is judged against no jump from its own onset on, so that the ratios compare as they are.
     """
-    growing = (row for row in range(H + 1, ROWS) if _grows(VARIANTS[row - H - 1], number))
+    growing = (row for row in range(ALL, ROWS) if _grows(VARIANTS[row - ALL], number))
     for row in (number, *growing):
         _sharpen_row(config, m, row, number)
 

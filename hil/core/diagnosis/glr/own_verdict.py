@@ -14,7 +14,7 @@ import numpy as np
 
 from hil.core.diagnosis.glr.declaration import IDLE_V
 from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE
-from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, LAGS, PUMPS, jumps_of
+from hil.core.diagnosis.glr.hypotheses import ALL, BOTH, JUMPS, LAGS, PUMPS, jumps_of
 from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
 from hil.core.diagnosis.glr.model import BIAS, GAIN, LAG, LEAK, SCALE, Array
 from hil.core.diagnosis.glr.refilter import RING
@@ -95,13 +95,13 @@ def own_instead(config: DetectorConfig, m: Memory, leader: int) -> int | None:
 def leads_as_own(config: DetectorConfig, m: Memory, evidence: Array) -> int | None:
     """What may be the rig's own, if it leads all that may not by the margin; None otherwise.
 
-    All of it is learned alike, so that it need not be told apart. evidence : (H + 1,) log-likelihood ratios.
+    All of it is learned alike, so that it need not be told apart. evidence : (ALL,) log-likelihood ratios.
     """
-    best = int(np.argmax(m.replays.evidence[: BOTH + 1]))
+    best = int(np.argmax(m.replays.evidence[:ALL]))
     own = None if _is_sensor(best) else own_near(config, m, best)
     if own is None:
         return None
-    rivals = (float(evidence[n]) for n in range(BOTH + 1) if not is_own(config, m, n))
+    rivals = (float(evidence[n]) for n in range(ALL) if not is_own(config, m, n))
     return own if float(m.replays.evidence[own]) - max(rivals) >= config.tuning.margin else None
 
 
@@ -111,7 +111,7 @@ def own_near(config: DetectorConfig, m: Memory, leader: int) -> int | None:
         return None
     r = m.replays
     least = float(r.evidence[leader]) - config.tuning.margin
-    alive = (n for n in range(BOTH + 1) if not r.dropped[n] and float(r.evidence[n]) >= least)
+    alive = (n for n in range(ALL) if not r.dropped[n] and float(r.evidence[n]) >= least)
     near = [n for n in alive if is_own(config, m, n) or _is_lag_that_shows(m, n)]
     return max(near, key=lambda n: float(r.evidence[n]), default=None)
 
@@ -169,7 +169,7 @@ def _is_small(config: DetectorConfig, m: Memory, number: int, onset: int, sizes:
         return sizes[0] < 0.0 and moved_by(m, onset) >= MOVED_V
     if max(states) >= LEAK:
         std = float(config.wide_prior[states[0]])
-        return sizes[0] <= OWN_STDS * std and whole <= MAX_STDS * std
+        return max(sizes) <= OWN_STDS * std and whole <= MAX_STDS * std
     is_rise = number in (*PUMPS, BOTH) and min(sizes) > 0.0
     most = SMALL_NEAR_ZONE if _has_left_zone(m, number, onset) else SMALL_RISE if is_rise else SMALL
     return max(abs(size) for size in sizes) <= most and moved_by(m, onset) >= MOVED_V

@@ -7,10 +7,10 @@ one of them could not hold, see `hil.core.worst_target`.
 from __future__ import annotations
 
 from hil.core.diagnosis.glr import declaration, identified
-from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, LAGS, PUMPS, SPLITS, H, jumps_of
+from hil.core.diagnosis.glr.hypotheses import ALL, JUMPS, LAGS, PUMPS, SPLITS, jumps_of
 from hil.core.diagnosis.glr.isolation import OPEN_MARGIN
 from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
-from hil.core.diagnosis.glr.model import BIAS, GAIN, SPLIT
+from hil.core.diagnosis.glr.model import BIAS, GAIN, OUTLET, SPLIT
 from hil.core.types import Pair, PossibleRig
 
 STANDS_S = 5.0
@@ -26,8 +26,8 @@ def rigs(config: DetectorConfig, m: Memory) -> tuple[PossibleRig, ...]:
         return ()
     r = m.replays
     least = float(r.evidence[suspicion.leader]) - OPEN_MARGIN
-    near = (n for n in range(H + 1) if n not in LAGS and not r.dropped[n] and float(r.evidence[n]) >= least)
-    return tuple(_rig(config, m, n) for n in near if n == BOTH or JUMPS[n].state < BIAS)
+    near = (n for n in range(ALL) if n not in LAGS and not r.dropped[n] and float(r.evidence[n]) >= least)
+    return tuple(_rig(config, m, n) for n in near if JUMPS[jumps_of(n)[0]].state < BIAS)
 
 
 def _rig(config: DetectorConfig, m: Memory, number: int) -> PossibleRig:
@@ -37,10 +37,10 @@ def _rig(config: DetectorConfig, m: Memory, number: int) -> PossibleRig:
         share = float(x[GAIN + pump]) / max(float(before[GAIN + pump]), declaration.PROVEN_SHARE)
         left[pump] = min(max(left[pump] * share, 0.0), declaration.MAX_EFFECTIVENESS)
     split = declaration.valve_split(config, m)
-    if number in SPLITS:
+    if set(SPLITS).intersection(jumps_of(number)):
         g1, g2 = (min(max(float(config.model.valve_split[v] * x[SPLIT + v]), 0.0), 1.0) for v in range(2))
         split = (g1, g2)
-    is_of_tank = number not in (*PUMPS, BOTH, *SPLITS)
+    is_of_tank = JUMPS[jumps_of(number)[0]].state >= OUTLET
     return PossibleRig(
         names=tuple(_name(m, j, number) for j in jumps_of(number)),
         effectiveness=_pair(left),

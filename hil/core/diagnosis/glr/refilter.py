@@ -15,7 +15,7 @@ from hil.core.diagnosis.glr.bank import MAX_AGE, SLOTS
 from hil.core.diagnosis.glr.compiled import compiled
 from hil.core.diagnosis.glr.filter import ENTRY, PERIOD, READING, StepResult, filter_step, whitened
 from hil.core.diagnosis.glr.growth import BOTH_GAINS, NO_GROWTH, grow
-from hil.core.diagnosis.glr.hypotheses import BIAS_PRIOR_V, BOTH, JUMPS, PUMPS, ROWS, VARIANTS
+from hil.core.diagnosis.glr.hypotheses import BIAS_PRIOR_V, BOTH, JUMPS, PAIR_ODDS, PAIRS, ROWS, VARIANTS, jumps_of
 from hil.core.diagnosis.glr.model import BIAS, LEVEL, MOVING, RATE, Array, FilterModel, Ints, N
 
 RING = MAX_AGE + 64
@@ -33,7 +33,9 @@ MISFIT_SLACK, MAX_MISFIT_STEP = 2.0, 15.0
 FIT_STEPS = 5
 """Between two steps kept as those at which a replay fits: what has just begun doesn't show in a step or two."""
 
-JUMPING_BIAS = np.array([jump.state - BIAS if BIAS <= jump.state < BIAS + 4 else -1 for jump in JUMPS] + [-1])
+JUMPING_BIAS = np.array(
+    [jump.state - BIAS if BIAS <= jump.state < BIAS + 4 else -1 for jump in JUMPS] + [-1] * len(PAIRS)
+)
 
 
 class History(NamedTuple):
@@ -124,7 +126,7 @@ class Replays(NamedTuple):
         P = self.P[row]
         P[:] = history.P[slot]
         way = VARIANTS[variant] if variant >= 0 else None
-        for jump in (JUMPS[i] for i in (PUMPS if number == BOTH else (number,))):
+        for jump in (JUMPS[i] for i in jumps_of(number)):
             P[jump.state, jump.state] += (way.prior if way else jump.prior) ** 2
             self.x[row, jump.state] += way.shift if way else 0.0
         if way and way.rate > 0.0:
@@ -134,7 +136,8 @@ class Replays(NamedTuple):
             P[RATE, RATE] = way.rate**2
         moved = (*range(LEVEL, LEVEL + 4), *range(BIAS, BIAS + 4))
         P[moved, moved] += (ONSET_SPREAD * reach) ** 2
-        self.evidence[row], self.misfit[row] = way.odds if way else 0.0, 0.0
+        odds = PAIR_ODDS if number > BOTH else 0.0
+        self.evidence[row], self.misfit[row] = way.odds if way else odds, 0.0
         self.seen[row] = self.onset[row] = self.fit[row] = onset
         self.bias[row] = JUMPING_BIAS[number]
         self.variant[row], self.target[row] = variant, target

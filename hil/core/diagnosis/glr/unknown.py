@@ -88,14 +88,14 @@ def contradicts(m: Memory, winner: int) -> bool:
         return False  # the run trips: nothing may take that back
     if m.t_s - m.unknown_until_s < AGAIN_S:
         return all(j not in m.declared for j in jumps_of(winner))
-    jump = JUMPS[winner] if winner < len(JUMPS) else JUMPS[0]
+    jump = JUMPS[jumps_of(winner)[0]]
     kinds = {f"{kind} {jump.target}" for kind in (jump.rises, jump.falls)}
     others = {told.name for told in _recent(m)}
     return len(others) >= MAX_NAMES and others.isdisjoint(kinds)
 
 
 def note(m: Memory, alarms: list[Alarm]) -> None:
-    """Note the name that a verdict has just given; two pumps at once have two alarms, but are one name."""
+    """Note the name that a verdict has just given; two faults at once have two alarms, but are one name."""
     if m.checkpoint is not None and not alarms[0].is_recovery:
         name = f"{alarms[0].kind} {alarms[0].target}"
         m.told = (*_recent(m), *(Told(m.t_s, name, alarm.number, m.checkpoint) for alarm in alarms))
