@@ -51,7 +51,7 @@ def test_viewers_that_are_late_stopped_or_killed_cost_nothing(tmp_path: Path) ->
     scenario = write_scenario(tmp_path, duration=14.0)
     copy = tmp_path / "copy.rrd"
     with (
-        emulator(tmp_path / "node.jsonl", scenario=scenario) as rig,
+        emulator(tmp_path / "node.jsonl", scenario=scenario, is_forked=False) as rig,
         controller(scenario, rig.channel, tmp_path / "run", "--live-web", is_forked=False) as run,
     ):
         port = data_port(run)

@@ -110,7 +110,7 @@ def test_a_run_in_real_time_completes_with_whatever_is_granted(tmp_path: Path) -
     """Where the tests may not use SCHED_FIFO, the refusal is said and recorded, and the run goes on."""
     scenario = write_scenario(tmp_path, duration=3.0)
     with (
-        emulator(tmp_path / "node.jsonl", scenario=scenario) as rig,
+        emulator(tmp_path / "node.jsonl", scenario=scenario, is_forked=False) as rig,
         controller(scenario, rig.channel, tmp_path / "run", "--realtime", *PLAIN, is_forked=False) as run,
     ):
         assert run.wait(40.0) == 0, (run.out, run.err)
