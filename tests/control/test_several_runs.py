@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 from hil.cli import exit_codes
+from hil.cli.commands.panel import panel
+from hil.edge.control import socket_path
 from hil.edge.control.client import find_run
 from hil.edge.control.socket_path import ControlError
 from tests.control.control_bench import Bench, control_bench, ctl
@@ -18,6 +20,7 @@ def test_two_runs_are_listed_and_one_that_is_named_is_asked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setattr(socket_path, "_without_session", socket_path.runtime_dir)  # runs of other tests are there
     first, second = tmp_path / "first", tmp_path / "second"
     first.mkdir()
     second.mkdir()
@@ -31,6 +34,10 @@ def test_two_runs_are_listed_and_one_that_is_named_is_asked(
             assert "--run" in told
             with pytest.raises(ControlError, match="more than one run"):
                 find_run()
+            for web in (False, True):  # at once: the line of a panel is too short for the list
+                with pytest.raises(ControlError, match="name one: ") as refused:
+                    panel(web=web)
+                assert all(f"{run} (process" in str(refused.value) for run in (first, second))
             assert find_run(second) == other.path
             with other.connect() as client:
                 client.send("mark", name="here")

@@ -29,6 +29,9 @@ def panel(
     port: Annotated[int, typer.Option(metavar="N", min=1, max=65535, help="With --web: TCP port.")] = 8024,
 ) -> None:
     """Watch a run and send it requests: references, manual voltages, stop. The run does not depend on the panel."""
+    from hil.panel.run_search import check_choice, run_finder
+
+    check_choice(run, socket)
     if web:
         _serve(run, socket, emulator, port)
         return
@@ -41,7 +44,6 @@ def panel(
     )  # a run that ignores it has started us: a closed terminal ends the panel
     from hil.panel.emulator_client import EmulatorClient
     from hil.panel.panel_app import PanelApp
-    from hil.panel.run_search import run_finder
 
     find = run_finder(run, socket)
     app = PanelApp(
