@@ -7,7 +7,7 @@ docs/decisions/0011-interlocks.md for the end of a run.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import inf
 from typing import Any, Literal, Protocol
 
@@ -224,7 +224,7 @@ class ControlLoop:
         if self._on_tick is None and self._operator is None:
             return
         if noted:
-            output = replace(output, events=noted + output.events)
+            output = output._replace(events=noted + output.events)
         try:
             if self._on_tick is not None:
                 self._on_tick(inputs, output, self._state.supervision.mode)

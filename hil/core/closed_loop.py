@@ -152,13 +152,13 @@ def conclude(config: LoopConfig, state: LoopState, inputs: Inputs, command_V: Pa
         excess = _excess(config.pumps, state.drive_V, inputs, given)
         (d1, d2), (w1, w2), (g1, g2) = state.drive_V, state.request.drive_V, given
         given = (g1 - (d1 - w1), g2 - (d2 - w2)) if d1 != w1 or d2 != w2 else given  # less the probe
-        return state.after(LastCommand(given, excess, Authority.LAW))
+        return state._replace(last=LastCommand(given, excess, Authority.LAW))
     last = LastCommand(given, authority=Authority.OPERATOR if mode is Mode.MANUAL else Authority.NOBODY)
     if mode not in (Mode.DISARMED, Mode.READY):
-        return state.after(last)
+        return state._replace(last=last)
     references = RunReferences(config.references, state.start, config.moves)
     known = replace(state.inputs, wanted_V=given, given_V=given, excess_V=last.excess_V, authority=last.authority)
-    return replace(state, last=last, law_memory=config.law.start(inputs_of_law(known, references)))
+    return state._replace(last=last, law_memory=config.law.start(inputs_of_law(known, references)))
 
 
 def _excess(pumps: PumpPath, drive_V: Pair, inputs: Inputs, given_V: Pair) -> Pair:

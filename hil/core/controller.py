@@ -7,8 +7,9 @@ docs/decisions/0011-interlocks.md.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from math import inf, nan
+from typing import NamedTuple
 
 from hil.core import active_isolation, closed_loop, live_operation, start_goal, start_phase, supervisor
 from hil.core.active_isolation import IDLE, NO_PROBE, Occasion, ProbeConfig, ProbeState
@@ -54,25 +55,23 @@ class ControllerConfig:
     waits_for_clearing: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class ControllerState:
+class ControllerState(NamedTuple):
     """State of the supervisor; of the loop, the monitors and the probe, from the first step in control on.
 
     alarms : what an operator has to look at. attendance : whether somebody is there. operation : what an operator has
     changed while the run goes on.
     """
 
-    supervision: Supervision = field(default_factory=Supervision)
+    supervision: Supervision = Supervision()
     loop: LoopState | None = None
-    monitors: Monitors = field(default_factory=Monitors)
+    monitors: Monitors = Monitors()
     probe: ProbeState = IDLE
-    alarms: AlarmList = field(default_factory=AlarmList)
-    attendance: Attendance = field(default_factory=Attendance)
+    alarms: AlarmList = AlarmList()
+    attendance: Attendance = Attendance()
     operation: Operation = UNTOUCHED
 
 
-@dataclass(frozen=True, slots=True)
-class Output:
+class Output(NamedTuple):
     """The command to send, the events of this step, and the record once the run's time has begun.
 
     answers : to the requests that an operator has sent while the run goes on.
@@ -99,12 +98,12 @@ def step(
         return _step(_with_operation(config, state.operation), state, inputs, now_ns)
     before = LiveState(state.operation, state.alarms, state.loop, state.supervision)
     taken = live_operation.take(config.loop, config.limits, before, asked, now_ns)
-    state = replace(state, operation=taken.operation, alarms=taken.alarms)
+    state = state._replace(operation=taken.operation, alarms=taken.alarms)
     inputs = replace(inputs, requests=inputs.requests + taken.requests, is_attended=True)
     new, output = _step(_with_operation(config, taken.operation), state, inputs, now_ns)
     replies, events = live_operation.settle(taken, new.supervision, output.events)
     events += tuple(event for _, event in replies)
-    record = None if output.record is None else replace(output.record, events=events)
+    record = None if output.record is None else output.record._replace(events=events)
     return new, Output(output.command, events, record, tuple(answer for answer, _ in replies))
 
 
@@ -136,12 +135,12 @@ def _step(
         )
         if is_asked_for(config.limits):
             attendance, attendance_events = watch_attendance(attendance, config.limits, inputs.is_attended, loop.t_s)
-            belief = replace(belief, unattended=unattended(attendance, state.alarms, config.limits, loop.t_s))
+            belief = belief._replace(unattended=unattended(attendance, state.alarms, config.limits, loop.t_s))
         if loop.start is not None and state.supervision.mode.is_controlling:
             is_end = state.loop is not None and state.loop.is_starting and not loop.is_starting
             problem = _start_problem(config, loop, monitors, state.supervision.command_V, is_end=is_end)
             if problem:
-                belief = replace(belief, start_problem=problem)
+                belief = belief._replace(start_problem=problem)
             if problem or is_end:
                 loop_events += (start_phase.ends(problem),)
         supervision, events = supervisor.next_mode(config.limits, state.supervision, inputs, now_ns, belief)
@@ -169,7 +168,7 @@ def fail(state: ControllerState, cause: TripCause, text: str) -> tuple[Controlle
     """State and output for a step that raised an exception: trip, 0 V in the same step."""
     supervision, events = supervisor.trip(state.supervision, cause, text)
     t_s = 0.0 if state.loop is None else state.loop.t_s
-    failed = replace(state, supervision=supervision, alarms=state.alarms.take_all(events, t_s))
+    failed = state._replace(supervision=supervision, alarms=state.alarms.take_all(events, t_s))
     return failed, Output(command=supervisor.OFF, events=events, record=None)
 
 

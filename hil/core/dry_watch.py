@@ -7,7 +7,7 @@ volume, over what the pump across should send at its voltage. Without water in e
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from hil.core.tanks import TankModel, water_balance
 from hil.core.types import Pair, Quad
@@ -23,8 +23,7 @@ MIN_SHARE = 0.1
 """Less than this share of the expected inflow is no water."""
 
 
-@dataclass(frozen=True, slots=True)
-class DryWatch:
+class DryWatch(NamedTuple):
     """State of the watch.
 
     share : (2,) what arrives of each pump's water in the upper tank across, smoothed. dry_s : for how long nothing has

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import exp, isfinite, nan
+from typing import NamedTuple
 
 from hil.core.sensors import levels_shown
 from hil.core.tanks import TankModel, level_rates
@@ -26,8 +27,7 @@ class LevelFilter:
     filter_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class Estimate:
+class Estimate(NamedTuple):
     """Levels in cm and as level signals, V; drives after the lag, V; innovations, V, NaN without a reading."""
 
     level_cm: Quad

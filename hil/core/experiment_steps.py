@@ -114,7 +114,7 @@ def step(
         inputs = replace(inputs, stop_requested=True)
     supervision, more = supervisor.next_mode(config.limits, state.supervision, inputs, now_ns, _belief(state, level_cm))
     if progress.problem and supervision.mode is Mode.STOPPING and not supervision.stopped_by:
-        supervision = replace(supervision, stopped_by=FAILED)
+        supervision = supervision._replace(stopped_by=FAILED)
     supervision, command = supervisor.safe_command(config.limits, supervision, progress.voltage_V, config.period_s)
     state = replace(state, supervision=supervision, progress=progress)
     events += more

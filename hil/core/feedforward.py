@@ -30,6 +30,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from math import exp, inf, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_continuous_are
@@ -133,8 +134,7 @@ class Target:
     gain: LqrGain | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class FeedforwardPath:
+class FeedforwardPath(NamedTuple):
     """Where the path is at one step.
 
     level_cm : (4,). flow_V : (2,) effective drives after the lag. drive_V : (2,) effective drives from this step on.
@@ -256,7 +256,7 @@ def _following(
         if tank > 1 or abs(wanted_cm[tank] - levels[tank]) > ARRIVED_CM:
             most = (MAX_CORRECTION if tank < 2 else MAX_UPPER_CORRECTION) * abs(rates[tank]) * limits.period_s
             levels[tank] += min(max(share * (estimate_cm[tank] - levels[tank]), -most), most)
-    return replace(path, level_cm=(levels[0], levels[1], levels[2], levels[3]))
+    return path._replace(level_cm=(levels[0], levels[1], levels[2], levels[3]))
 
 
 def _wanted(model: TankModel, limits: PathLimits, path: FeedforwardPath, target: Target, rate_cm_s: Pair) -> Pair:

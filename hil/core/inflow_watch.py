@@ -15,8 +15,8 @@ Why: docs/decisions/0022-veto-of-a-live-sensor.md.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import inf
+from typing import NamedTuple
 
 from hil.core.tanks import TankModel, WaterBalance, clean_outflow, water_balance
 from hil.core.types import Diagnosis, Pair, Quad
@@ -40,8 +40,7 @@ MIN_LEVEL_CM = 1.0
 NOT_RISEN = (1.0, 1.0)
 
 
-@dataclass(frozen=True, slots=True)
-class InflowWatch:
+class InflowWatch(NamedTuple):
     """State of the watch for the two lower tanks.
 
     ratio : (2,) outflow by the balance over that of a clean outlet, smoothed. learned : (2,) the ratio after LEARN_S,

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from math import isfinite
+from typing import NamedTuple
 
 from hil.core.live_levels import NONE
 from hil.core.overshoot import peak_levels
@@ -75,8 +76,7 @@ class Limits:
         return self.pumps.drive((self.range_V[1], self.range_V[1]))
 
 
-@dataclass(frozen=True, slots=True)
-class Belief:
+class Belief(NamedTuple):
     """What the control loop estimates at this step.
 
     level_cm : (4,) estimated levels, None before the first estimate. pump_V : (2,) drives: what the pumps deliver, lag
@@ -103,8 +103,7 @@ class Belief:
 NO_BELIEF = Belief()
 
 
-@dataclass(frozen=True, slots=True)
-class Situation:
+class Situation(NamedTuple):
     """The inputs of an interlock.
 
     level_cm : (4,) of `levels_cm`. pump_V : (2,) the most that a pump may still deliver, as the drive of a nominal

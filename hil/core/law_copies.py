@@ -1,7 +1,7 @@
 """Copies of what a control law is given, so that whatever it does to them can't change what the interlocks work with.
 
-Records are frozen, but `object.__setattr__` changes a frozen record all the same. The laws of this project only read
-what they are given, so they get it as it is.
+Dataclasses are frozen, but `object.__setattr__` changes a frozen one all the same; a NamedTuple like `Estimate` can't
+be changed at all. The laws of this project only read what they are given, so they get it as it is.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from operator import attrgetter
 from typing import Any, TypeVar
 
 from hil.core.control_law import LawInputs
-from hil.core.estimator import Estimate
 from hil.core.following import Followed
 from hil.core.reference_path import RunReferences
 from hil.core.start_phase import StartPhase
@@ -21,7 +20,7 @@ Record = TypeVar("Record")
 
 _VALUES: dict[type[Any], Any] = {
     kind: attrgetter(*(field.name for field in fields(kind)))
-    for kind in (LawInputs, Estimate, Diagnosis, Followed, RunReferences, StartPhase)
+    for kind in (LawInputs, Diagnosis, Followed, RunReferences, StartPhase)
 }
 """All values of a record in the order of its constructor: at every step, a third of the time of `replace`."""
 
@@ -47,7 +46,6 @@ def inputs_of_law(known: LawInputs, references: RunReferences) -> LawInputs:
     new = copied(known)
     start = references.start
     for name, value in (
-        ("estimate", copied(known.estimate)),
         ("diagnosis", copied(known.diagnosis)),
         ("followed", copied(known.followed)),
         ("references", RunReferences(references.schedule, None if start is None else copied(start), references.moves)),

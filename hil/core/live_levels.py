@@ -11,8 +11,8 @@ Why, and what it costs: docs/decisions/0022-veto-of-a-live-sensor.md.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import exp, inf, isfinite, nan, sqrt
+from typing import NamedTuple
 
 from hil.core.tanks import TankModel
 from hil.core.types import ALL_SENSORS, Diagnosis, Measurement, Pair, Quad
@@ -30,8 +30,7 @@ NONE = (-inf, -inf, -inf, -inf)
 """No sensor that is not trusted shows a level."""
 
 
-@dataclass(frozen=True, slots=True)
-class LiveLevels:
+class LiveLevels(NamedTuple):
     """State of the monitor.
 
     reading_cm : (4,) newest valid readings, NaN before the first. sudden_cm : (4,) the part of each that rose too fast

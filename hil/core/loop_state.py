@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import inf
-from typing import Any
+from typing import Any, NamedTuple
 
 from hil.core.control_law import Authority, ControlLaw, LawInputs, LawRequest
 from hil.core.diagnosis.detector import FaultDetector
@@ -49,8 +49,7 @@ class LoopConfig:
         return is_own(self.law)
 
 
-@dataclass(frozen=True, slots=True)
-class LastCommand:
+class LastCommand(NamedTuple):
     """What became of the drives that the law asked for, see `LawInputs`. At first the pumps have what was found."""
 
     given_V: Pair
@@ -58,8 +57,7 @@ class LastCommand:
     authority: Authority = Authority.NOBODY
 
 
-@dataclass(frozen=True, slots=True)
-class LoopState:
+class LoopState(NamedTuple):
     """State of the control loop between two steps.
 
     started_ns : time 0 of the run, still to come in a start phase. reference_V : (2,) outputs to aim at; in a start
@@ -85,7 +83,7 @@ class LoopState:
     drive_V: Pair
     raw_V: Pair
     under_way: UnderWay
-    followed: Followed = field(default_factory=Followed)
+    followed: Followed = Followed()
     unstable_since_s: float = inf
 
     @property
@@ -107,25 +105,3 @@ class LoopState:
     def problem(self) -> str:
         """Why the outputs can't be held; "" if they can, or if it is not known for UNSTABLE_S yet."""
         return self.request.problem if self.t_s - self.unstable_since_s >= UNSTABLE_S else ""
-
-    def after(self, last: LastCommand) -> LoopState:
-        """The state with this last command; at every step, a third of the time of `replace`."""
-        return LoopState(
-            started_ns=self.started_ns,
-            stepped_ns=self.stepped_ns,
-            reference_V=self.reference_V,
-            start=self.start,
-            request=self.request,
-            law_memory=self.law_memory,
-            inputs=self.inputs,
-            last=last,
-            estimate=self.estimate,
-            memory=self.memory,
-            diagnosis=self.diagnosis,
-            iae_Vs=self.iae_Vs,
-            drive_V=self.drive_V,
-            raw_V=self.raw_V,
-            under_way=self.under_way,
-            followed=self.followed,
-            unstable_since_s=self.unstable_since_s,
-        )

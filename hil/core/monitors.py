@@ -6,8 +6,8 @@ their results and the state of the loop.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from math import isfinite
+from typing import NamedTuple
 
 from hil.core import start_phase
 from hil.core.dry_watch import DryWatch, watch_dry
@@ -21,20 +21,19 @@ from hil.core.start_phase import Doubts
 from hil.core.types import Diagnosis, Measurement, Pair, Quad
 
 
-@dataclass(frozen=True, slots=True)
-class Monitors:
+class Monitors(NamedTuple):
     """States of the monitors that the interlocks use.
 
     outlets : by the levels of the loop. live_outlets : by those of the live sensors that are not trusted. filling :
     from the start phase on. doubts : alarms that are not resolved.
     """
 
-    outlets: Outlets = field(default_factory=Outlets)
-    live_outlets: Outlets = field(default_factory=Outlets)
-    live: LiveLevels = field(default_factory=LiveLevels)
-    inflow: InflowWatch = field(default_factory=InflowWatch)
-    dry: DryWatch = field(default_factory=DryWatch)
-    filling: FillingWatch = field(default_factory=FillingWatch)
+    outlets: Outlets = Outlets()
+    live_outlets: Outlets = Outlets()
+    live: LiveLevels = LiveLevels()
+    inflow: InflowWatch = InflowWatch()
+    dry: DryWatch = DryWatch()
+    filling: FillingWatch = FillingWatch()
     doubts: Doubts = ()
 
 

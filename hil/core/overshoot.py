@@ -25,8 +25,8 @@ from __future__ import annotations
 
 from cmath import log as complex_log
 from cmath import sqrt as complex_sqrt
-from dataclasses import dataclass, replace
 from math import exp, sqrt
+from typing import NamedTuple
 
 from hil.core.tanks import TankModel, clean_outflow, water_balance
 from hil.core.types import Pair, Quad
@@ -48,8 +48,7 @@ MIN_LEVEL_CM = 1.0
 """The share is computed as if the level were at least this high: a nearly empty tank shows little of its outlet."""
 
 
-@dataclass(frozen=True, slots=True)
-class Outlets:
+class Outlets(NamedTuple):
     """State of the outlet monitor for the two lower tanks.
 
     share : (2,) measured outflow over that of eq. (1). level_cm : (4,) levels at watched_ns, None at first.
@@ -76,7 +75,7 @@ def watch(model: TankModel, outlets: Outlets, level_cm: Quad, pump_V: Pair, now_
     """Update from the mass balance of each lower tank since the last step. pump_V : (2,) effective pump voltages, V."""
     period_s = (now_ns - outlets.watched_ns) * 1e-9
     if outlets.level_cm is None or period_s <= 0.0:
-        return replace(outlets, level_cm=level_cm, watched_ns=now_ns)
+        return outlets._replace(level_cm=level_cm, watched_ns=now_ns)
     share1, share2 = outlets.share
     left1, left2 = water_balance(model, outlets.level_cm, level_cm, pump_V, period_s).lower_outflow
     seen1 = left1 / clean_outflow(model, 0, max(level_cm[0], MIN_LEVEL_CM))

@@ -37,7 +37,8 @@ class StateFeedback:
     def around(self, level_cm: Quad, drive_V: Pair, target_V: Pair) -> StateFeedback:
         """The same feedback around another point; it keeps `pump_gain`, which does not depend on that."""
         moved = object.__new__(StateFeedback)
-        vars(moved).update(vars(self), operating_level_cm=level_cm, operating_V=drive_V, target_V=target_V)
+        point = {"operating_level_cm": level_cm, "operating_V": drive_V, "target_V": target_V}
+        vars(moved).update(vars(self), pump_gain=self.pump_gain, **point)
         return moved
 
     @property

@@ -17,8 +17,8 @@ still sent, so that the node and its echo are checked before anything moves. See
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from math import inf, isfinite
+from typing import NamedTuple
 
 from hil.core.interlocks import (
     BYPASSABLE,
@@ -51,8 +51,7 @@ ALLOWED_ACTIONS = {
 """The operator requests that each mode allows; others are refused."""
 
 
-@dataclass(frozen=True, slots=True)
-class Supervision:
+class Supervision(NamedTuple):
     """State of the supervisor.
 
     cause : of the trip. command_V : (2,) last command. mismatch_since_ns : since when the node has not applied what it
@@ -82,7 +81,7 @@ def next_mode(limits: Limits, state: Supervision, inputs: Inputs, now_ns: int, b
     if state.bypasses or inputs.requests:
         state, requested, request_events = _sort_requests(limits, state, inputs.requests, now_ns)
     if _mismatches(limits, inputs) != (state.mismatch_since_ns >= 0):
-        state = replace(state, mismatch_since_ns=now_ns if state.mismatch_since_ns < 0 else -1)
+        state = state._replace(mismatch_since_ns=now_ns if state.mismatch_since_ns < 0 else -1)
     situation = _situation(limits, state, inputs, now_ns, belief)
     if state.mode is Mode.TRIPPED:
         state, events = _step_tripped(limits, state, requested, situation)
@@ -105,7 +104,7 @@ def trip(state: Supervision, cause: TripCause, text: str) -> Step:
     events: tuple[Event, ...] = (Event(Severity.ERROR, "trip", f"tripped: {text}", {"cause": cause.value}),)
     if cause is TripCause.PUMP_STUCK_ON:
         events += (Event(Severity.ERROR, "relay_cut", "cut the pumps' supply: 0 V does not stop them"),)
-    return replace(state, mode=Mode.TRIPPED, cause=cause, command_V=(0.0, 0.0), clears_node=False), events
+    return state._replace(mode=Mode.TRIPPED, cause=cause, command_V=(0.0, 0.0), clears_node=False), events
 
 
 def safe_command(limits: Limits, state: Supervision, wanted_V: Pair, period_s: float) -> tuple[Supervision, Command]:
@@ -159,7 +158,7 @@ def _sort_requests(
             events.append(Event(Severity.WARNING, "bypass", f"{request.interlock} bypassed for {for_s:g} s", data))
         else:
             requested[request.action] = request
-    return replace(state, bypasses=tuple(bypasses.items())), requested, tuple(events)
+    return state._replace(bypasses=tuple(bypasses.items())), requested, tuple(events)
 
 
 def _refusal_reason(limits: Limits, mode: Mode, request: Request) -> str:
@@ -180,13 +179,13 @@ def _refusal_reason(limits: Limits, mode: Mode, request: Request) -> str:
 def _step_tripped(limits: Limits, state: Supervision, requested: Requests, situation: Situation) -> Step:
     """Latched until cleared while no interlock is active. The pump node's own trip is cleared by the clear command."""
     if Action.STOP in requested:
-        state = replace(state, stopped_by=OPERATOR)
+        state = state._replace(stopped_by=OPERATOR)
     if Action.CLEAR not in requested:
         return state, ()
     active = first_active(limits, situation, (*_bypassed(state), TripCause.NODE_TRIPPED))
     if active is not None:
         return state, (_refusal(requested[Action.CLEAR], active.cause.value, active.describe(situation)),)
-    return _enter_mode(replace(state, cause=None, clears_node=True), Mode.DISARMED)
+    return _enter_mode(state._replace(cause=None, clears_node=True), Mode.DISARMED)
 
 
 def _step_disarmed(
@@ -194,13 +193,13 @@ def _step_disarmed(
 ) -> Step:
     """DISARMED or READY: one mode on if every condition holds, otherwise DISARMED. After a stop it stays disarmed."""
     if Action.STOP in requested:
-        state = replace(state, stopped_by=OPERATOR)
+        state = state._replace(stopped_by=OPERATOR)
     is_stop_requested = situation.inputs.stop_requested or bool(state.stopped_by)
     if is_stop_requested or _unready(limits, situation, _bypassed(state)):
         return _enter_mode(state, Mode.DISARMED)
     if state.mode is Mode.DISARMED:
         return _enter_mode(state, Mode.READY)
-    return _enter_mode(replace(state, clears_node=False), _automatic(belief))
+    return _enter_mode(state._replace(clears_node=False), _automatic(belief))
 
 
 def _step_moving(limits: Limits, state: Supervision, requested: Requests, situation: Situation, belief: Belief) -> Step:
@@ -213,12 +212,12 @@ def _step_moving(limits: Limits, state: Supervision, requested: Requests, situat
     if active is not None:
         return _stop_for(state, active, situation)
     if Action.STOP in requested:
-        return _enter_mode(replace(state, stopped_by=OPERATOR), Mode.STOPPING)
+        return _enter_mode(state._replace(stopped_by=OPERATOR), Mode.STOPPING)
     if situation.inputs.stop_requested:
         return _enter_mode(state, Mode.STOPPING)
     if Action.MANUAL in requested:
         asked_V = requested[Action.MANUAL].voltage_V
-        return _enter_mode(replace(state, manual_V=state.command_V if asked_V is None else asked_V), Mode.MANUAL)
+        return _enter_mode(state._replace(manual_V=state.command_V if asked_V is None else asked_V), Mode.MANUAL)
     if state.mode is Mode.MANUAL and Action.AUTO not in requested:
         return state, ()
     return _enter_mode(state, _automatic(belief))
@@ -234,7 +233,7 @@ def _refusal(request: Request, reason: str, text: str) -> Event:
 def _stop_for(state: Supervision, active: Interlock, situation: Situation) -> Step:
     """Begin the orderly stop that an interlock requires."""
     event = Event(Severity.ERROR, "stop", f"stopping: {active.describe(situation)}", {"cause": active.cause.value})
-    state, events = _enter_mode(replace(state, stopped_by=active.cause.value), Mode.STOPPING)
+    state, events = _enter_mode(state._replace(stopped_by=active.cause.value), Mode.STOPPING)
     return state, (event, *events)
 
 
@@ -288,22 +287,11 @@ def _bypassed(state: Supervision) -> tuple[TripCause, ...]:
 
 
 def _with_command(state: Supervision, voltage: Pair) -> Supervision:
-    if voltage == state.command_V:
-        return state
-    return Supervision(  # at every step: half the time of `replace`
-        mode=state.mode,
-        cause=state.cause,
-        command_V=voltage,
-        mismatch_since_ns=state.mismatch_since_ns,
-        manual_V=state.manual_V,
-        bypasses=state.bypasses,
-        stopped_by=state.stopped_by,
-        clears_node=state.clears_node,
-    )
+    return state if voltage == state.command_V else state._replace(command_V=voltage)
 
 
 def _enter_mode(state: Supervision, mode: Mode) -> Step:
     if mode is state.mode:
         return state, ()
     event = Event(Severity.INFO, "mode", f"{state.mode.name} -> {mode.name}", {"mode": mode.name})
-    return replace(state, mode=mode), (event,)
+    return state._replace(mode=mode), (event,)

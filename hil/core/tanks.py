@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,8 +126,7 @@ def clean_outflow(model: TankModel, tank: int, level_cm: float) -> float:
     return model.outlet_flow[tank] * sqrt(level_cm + model.datum_cm[tank])
 
 
-@dataclass(frozen=True, slots=True)
-class WaterBalance:
+class WaterBalance(NamedTuple):
     """The water of all tanks between two steps, in cm^3/s, as the monitors of the interlocks use it.
 
     direct : (2,) what the pumps send to tanks 1 and 2, by the file. across : (2,) what they send to tanks 3 and 4.

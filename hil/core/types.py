@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
 from math import inf, nan
+from typing import NamedTuple
 
 Pair = tuple[float, float]
 Quad = tuple[float, float, float, float]
@@ -380,8 +381,7 @@ class Diagnosis:
         return is_named or self.is_unknown
 
 
-@dataclass(frozen=True, slots=True)
-class TickRecord:
+class TickRecord(NamedTuple):
     """One control step, as recorded. Time is that of the run: 0 at the first step in control or after a start phase.
 
     monotonic_ns : the same moment on the clock that drives the loop.
@@ -414,4 +414,4 @@ class TickRecord:
     test_ratio: float = nan  # of the diagnosis, with the limit at which it raises an alarm
     test_limit: float = nan
     probe_V: Pair = (0.0, 0.0)  # part of raw_V: the movement that tells faults apart
-    shown: Mapping[str, float] = field(default_factory=dict)  # of the control law, by name
+    shown: Mapping[str, float] = {}  # of the control law, by name

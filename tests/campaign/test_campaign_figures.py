@@ -117,13 +117,13 @@ def test_a_node_that_moves_after_its_trip_is_seen_unless_it_was_cleared() -> Non
 def test_outputs_after_the_controllers_trip_are_seen(tick: TickRecord, after_s: float, is_fine: bool) -> None:
     observer = Observer((0.0, 10.0), Pump())
     for t_s in (5.0, 5.0 + after_s):
-        observer.tick(replace(tick, t_s=t_s, mode=Mode.TRIPPED), (1.0, 1.0, 1.0, 1.0))
+        observer.tick(tick._replace(t_s=t_s, mode=Mode.TRIPPED), (1.0, 1.0, 1.0, 1.0))
     assert (observer.result().latch_broken == "") is is_fine
 
 
 @pytest.fixture
 def tick() -> TickRecord:
-    blank: dict[str, Any] = {field.name: (0.0, 0.0) for field in fields(TickRecord)}
+    blank: dict[str, Any] = dict.fromkeys(TickRecord._fields, (0.0, 0.0))
     return TickRecord(**{**blank, "t_s": 0.0, "mode": Mode.RUNNING, "events": ()})
 
 

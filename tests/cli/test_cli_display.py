@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from dataclasses import replace
 
 from rich.console import Console
 
@@ -15,7 +14,7 @@ from tests.review import toy
 
 
 def shown(probe_V: Pair) -> str:
-    record = replace(next(toy.steps())[0], probe_V=probe_V)
+    record = next(toy.steps())[0]._replace(probe_V=probe_V)
     console = Console(file=io.StringIO(), width=100)
     console.print(
         status_table(inputs((6.0, 6.4, 0.8, 0.7)), Output(Command((3.3, 2.7), True), (), record), Mode.RUNNING)

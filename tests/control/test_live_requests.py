@@ -203,7 +203,7 @@ def test_a_list_of_alarms_that_got_long_still_fits_into_a_state() -> None:
     for number in range(1000):
         kind = "leak" if number == 3 else "sensor_noise"
         alarms = alarms.take("alarm", f"alarm {number}", {"number": number + 1, "kind": kind}, float(number))
-    state = replace(run.state, alarms=alarms)
+    state = run.state._replace(alarms=alarms)
     shown = view(run.config, state, inputs(volts(run.plant.level_cm)), run.output, run.number * SECOND)
     assert (len(shown["alarms"]), shown["alarms_more"]) == (100, 900)
     assert shown["alarms"][0]["title"] == "alarm 3", "the most urgent one"

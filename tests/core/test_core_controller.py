@@ -196,8 +196,8 @@ def test_the_effective_voltage_does_not_jump_when_the_law_changes(design: Calibr
     """The same step from the same state, with and without the change: v theta is the same, v is not."""
     loop = bench_loop(design, stepped(1.0), detector=IdealDetector((), 0.0))
     state, _ = run(controller_config(loop), Plant(wrong_by_5_percent()), 60)
-    moved_V = replace(memory_of(state.loop), integral_Vs=(3.0, -2.0))
-    state = replace(state, loop=replace(not_none(state.loop), law_memory=moved_V))
+    moved_V = memory_of(state.loop)._replace(integral_Vs=(3.0, -2.0))
+    state = state._replace(loop=not_none(state.loop)._replace(law_memory=moved_V))
     seen = inputs(volts(quad(h + 0.1 for h in REST)), (3.0, 3.0))
     assert state.loop is not None
     now = state.loop.stepped_ns + SECOND // 10

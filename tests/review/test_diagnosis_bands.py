@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from math import nan
 from pathlib import Path
 from typing import Any
@@ -28,7 +27,7 @@ def bands(path: Path, entity: str) -> list[tuple[float, float, float]]:
 
 
 def test_levels_have_the_deviation_of_the_filter_once_a_second(tmp_path: Path) -> None:
-    steps = [replace(record_of(0.5 * k), level_std_V=STD_V) for k in range(5)]
+    steps = [record_of(0.5 * k)._replace(level_std_V=STD_V) for k in range(5)]
     path = recorded(tmp_path / "run", steps)
     found = bands(path, "levels/tank2")
     assert [t_s for t_s, _, _ in found] == [0.0, 1.0, 2.0]
@@ -36,7 +35,7 @@ def test_levels_have_the_deviation_of_the_filter_once_a_second(tmp_path: Path) -
 
 
 def test_a_detector_without_a_filter_has_no_bands(tmp_path: Path) -> None:
-    path = recorded(tmp_path / "run", [replace(record_of(0.0), level_std_V=(nan, nan, nan, nan))])
+    path = recorded(tmp_path / "run", [record_of(0.0)._replace(level_std_V=(nan, nan, nan, nan))])
     assert not bands(path, "levels/tank1")
 
 

@@ -138,7 +138,7 @@ def test_trips_come_with_cause_and_text(tmp_path: Path) -> None:
     folder = RunFolder.create(tmp_path / "run", toy.plan())
     recorder = Recorder.open(folder)
     trip = Event(Severity.ERROR, "trip", "tank 1 above 19 cm", {"cause": "high_level"})
-    recorder.tick(replace(next(toy.steps())[0], t_s=12.3, events=(trip,)))
+    recorder.tick(next(toy.steps())[0]._replace(t_s=12.3, events=(trip,)))
     recorder.close("tripped", "high_level")
     assert compute(folder).trips == ({"t_s": 12.3, "cause": "high_level", "text": "tank 1 above 19 cm"},)
 
@@ -159,7 +159,7 @@ def shortened(path: Path, *alarms: Alarm, settings: dict[str, Any] | None = None
         if record.t_s >= 195.0:
             due = [alarm for alarm in alarms if abs(alarm.detected_s - record.t_s) < 0.01]
             events = tuple(Event(Severity.WARNING, "alarm", "", asdict(alarm)) for alarm in due)
-            recorder.tick(replace(record, events=events, **changes), truth_cm or truth)
+            recorder.tick(record._replace(events=events, **changes), truth_cm or truth)
     recorder.close("complete", "")
     return compute(folder)
 
@@ -245,7 +245,7 @@ def test_how_a_live_loop_kept_time_is_in_the_figures(tmp_path: Path) -> None:
         recorder.frame(t_s - 0.02, 0x182, b"")
         recorder.frame(t_s, 0x282, b"")
         recorder.frame(t_s + (0.009 if index > 990 else 0.001), 0x201, b"", False)
-        recorder.tick(replace(record, lateness_s=1e-5 * index), queue=index % 7)
+        recorder.tick(record._replace(lateness_s=1e-5 * index), queue=index % 7)
     recorder.close("complete", "")
     kpi = compute(folder)
     assert kpi.lateness_s == pytest.approx({"p50": 0.005, "p99": 0.0099, "p99_9": 0.00999, "max": 0.01})

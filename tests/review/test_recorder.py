@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import can
@@ -124,7 +123,7 @@ def test_every_number_column_is_one_type_from_its_first_line_on(tmp_path: Path, 
     folder = RunFolder.create(tmp_path / "run", toy.plan(mode=mode))
     recorder = Recorder.open(folder)
     for record, truth in toy.steps(until_s=1.0):
-        whole = replace(record, applied_V=(3.0, 0.0), measured_V=(float("nan"), 1e-7, 1e6, -0.0), t_s=round(record.t_s))
+        whole = record._replace(applied_V=(3.0, 0.0), measured_V=(float("nan"), 1e-7, 1e6, -0.0), t_s=round(record.t_s))
         recorder.tick(whole, None if mode == "live" else truth)
     recorder.close("complete", "")
     signals = {signal.column: signal for signal in recorded(mode)}
@@ -140,7 +139,7 @@ def test_odd_numbers_before_the_first_measurement_are_recorded(folder: RunFolder
     record = next(toy.steps())[0]
     nothing = (float("nan"),) * 4
     recorder = Recorder.open(folder)
-    recorder.tick(replace(record, mode=Mode.DISARMED, measured_V=nothing, levels_age_s=float("inf")))
+    recorder.tick(record._replace(mode=Mode.DISARMED, measured_V=nothing, levels_age_s=float("inf")))
     recorder.close("complete", "")
     ticks = read_ticks(folder.ticks_path)
     assert np.isnan(ticks["h1_V"][0])

@@ -64,7 +64,7 @@ def test_report_shows_the_process_noise_that_was_learned(tmp_path: Path, page: s
     assert "process noise learned" not in page, "nothing was learned"
     folder = RunFolder.create(tmp_path / "run", toy.plan())
     recorder = Recorder.open(folder)
-    recorder.tick(replace(next(toy.steps())[0], level_walk_cm_sqrt_s=(6.3e-4, 0.01, 0.002, 0.018)))
+    recorder.tick(next(toy.steps())[0]._replace(level_walk_cm_sqrt_s=(6.3e-4, 0.01, 0.002, 0.018)))
     recorder.close("complete", "")
     text = write_report(folder).read_text(encoding="utf-8")
     assert "process noise learned, tanks 1 to 4" in text
@@ -77,7 +77,7 @@ def test_report_counts_the_probes(tmp_path: Path, page: str) -> None:
     recorder = Recorder.open(folder)
     states = ("wait", "begin", "end")
     events = tuple(Event(Severity.INFO, "probe", f"probe: {state}", {"state": state}) for state in states)
-    recorder.tick(replace(next(toy.steps())[0], events=events, probe_V=(0.3, -0.3)))
+    recorder.tick(next(toy.steps())[0]._replace(events=events, probe_V=(0.3, -0.3)))
     recorder.close("complete", "")
     text = write_report(folder).read_text(encoding="utf-8")
     assert "<b>1</b><span>probes: movements of the pumps that tell faults apart</span>" in text
@@ -97,7 +97,7 @@ def test_report_escapes_what_comes_from_outside(tmp_path: Path, page: str) -> No
     recorder = Recorder.open(folder)
     data = {"detected_s": 0.0, "kind": evil, "target": evil, "size": evil, "cause": evil}
     events = tuple(Event(Severity.ERROR, code, evil, data) for code in ("alarm", "trip", evil))
-    recorder.tick(replace(next(toy.steps())[0], events=events))
+    recorder.tick(next(toy.steps())[0]._replace(events=events))
     recorder.close("failed", evil)
     text = write_report(folder).read_text(encoding="utf-8")
     assert "script" not in Tags(text).tags
@@ -109,7 +109,7 @@ def test_times_of_an_alarm_have_hundredths_of_a_second(tmp_path: Path) -> None:
     recorder = Recorder.open(folder)
     data = {"kind": "leak", "target": 1, "size": 0.2, "detected_s": 234.56, "onset_s": 223.45, "isolated_s": 245.67}
     event = Event(Severity.ERROR, "alarm", "leak", data)
-    recorder.tick(replace(next(toy.steps())[0], events=(event,)))
+    recorder.tick(next(toy.steps())[0]._replace(events=(event,)))
     recorder.close("complete", "duration over")
     text = write_report(folder).read_text(encoding="utf-8")
     assert all(f">{value}<" in text for value in ("234.56", "223.45", "245.67"))

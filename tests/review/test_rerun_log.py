@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -89,7 +88,7 @@ def test_a_trip_is_a_state_until_the_mode_is_left(tmp_path: Path) -> None:
     modes = [Mode.RUNNING, Mode.TRIPPED, Mode.TRIPPED, Mode.READY, Mode.RUNNING]
     for index, mode in enumerate(modes):
         events = (trip,) if index == 1 else ()
-        recorder.tick(replace(record, t_s=float(index), mode=mode, events=events))
+        recorder.tick(record._replace(t_s=float(index), mode=mode, events=events))
     recorder.close("complete", "")
     assert states(folder.rrd_path, "/states/trip") == [["none"], ["high_level"], ["none"]]
     assert states(folder.rrd_path, "/states/mode") == [["RUNNING"], ["TRIPPED"], ["READY"], ["RUNNING"]]

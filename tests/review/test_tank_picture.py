@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,7 @@ def alarm(**fields: Any) -> Event:
 def record_of(t_s: float, **fields: Any) -> TickRecord:
     base = next(toy.steps())[0]
     still = {"estimated_V": LEVEL_V, "measured_V": LEVEL_V, "applied_V": (3.0, 4.0), "command_V": (3.0, 4.0)}
-    return replace(base, t_s=t_s, **{"events": (), **still, **fields})
+    return base._replace(t_s=t_s, **{"events": (), **still, **fields})
 
 
 def recorded(path: Path, records: list[TickRecord]) -> Path:

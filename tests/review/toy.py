@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Iterator
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -116,7 +116,7 @@ def steps(
 
 def at(record: TickRecord, monotonic_ns: int) -> TickRecord:
     """The same step at another time of the monotonic clock."""
-    return replace(record, monotonic_ns=monotonic_ns)
+    return record._replace(monotonic_ns=monotonic_ns)
 
 
 def events_at(t_s: float, index: int, reconfigure: bool) -> Iterator[Event]:

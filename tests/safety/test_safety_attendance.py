@@ -25,8 +25,8 @@ def modes(steps: int, *, attended_s: float = 0.0, unattended_s: float = 0.0, her
     for number in range(steps):
         inputs = replace(HEALTHY if number > 1 else READY, is_attended=number in here)
         if number == 5:
-            state = replace(
-                state, alarms=state.alarms.take("alarm", "leak 1: 0.3", leak, state.loop.t_s if state.loop else 0.0)
+            state = state._replace(
+                alarms=state.alarms.take("alarm", "leak 1: 0.3", leak, state.loop.t_s if state.loop else 0.0)
             )
         state, _ = controller.step(setup, state, inputs, round(number * PERIOD_S * SECOND))
         found.append(state.supervision.mode)

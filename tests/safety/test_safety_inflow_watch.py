@@ -150,9 +150,9 @@ def test_one_step_counts_for_little_and_a_small_increase_for_nothing() -> None:
         after = watch_inflow(BENCH, before, jumped, (3.0, 3.0), HEALTHY, SECOND)
         assert after.ratio == pytest.approx((1.0 + (extreme - 1.0) / SMOOTHING_S,) * 2)
     small, large = MIN_RATIO - 1e-6, MIN_RATIO + 1e-6
-    watch = replace(before, ratio=(small, large))
+    watch = before._replace(ratio=(small, large))
     assert watch.possible_cm(BENCH, level, HEALTHY) == pytest.approx((-inf, 12.1), abs=1e-4)
-    assert replace(watch, ratio=(0.5, 0.5)).possible_cm(BENCH, level, HEALTHY) == NOTHING
+    assert watch._replace(ratio=(0.5, 0.5)).possible_cm(BENCH, level, HEALTHY) == NOTHING
 
 
 def test_what_had_risen_in_the_start_phase_is_not_learned() -> None:

@@ -120,7 +120,7 @@ def test_texts_have_their_numbers() -> None:
     assert text_of(but(gone, "bus", last_error="no such device")) == "tripped: the CAN bus is gone: no such device"
     assert "23 within a second" in text_of(but(HEALTHY, "bus", errors_per_s=23))
     assert "levels of 12.26, 12.78, 1.63, 19.02 cm" in text_of(level(HEALTHY, 3, 9.51))
-    state = replace(RUNNING, mismatch_since_ns=0)
+    state = RUNNING._replace(mismatch_since_ns=0)
     assert "short of 0.5 and -0.25 V" in text_of(but(HEALTHY, "pumps", shortfall_V=(0.5, -0.25)), state=state)
 
 
@@ -171,7 +171,7 @@ def test_a_reading_that_is_not_valid_says_nothing_of_a_high_level(channel: int, 
     shorted = level(runs(*lengths), channel, 10.24)
     assert cause_of(shorted, believing()) is None
     full = quad(19.1 if i == channel else h for i, h in enumerate(REST_CM))
-    assert cause_of(shorted, replace(believing(), level_cm=full)) is TripCause.HIGH_LEVEL
+    assert cause_of(shorted, believing()._replace(level_cm=full)) is TripCause.HIGH_LEVEL
     assert cause_of(shorted, NO_BELIEF) is TripCause.HIGH_LEVEL
 
 
@@ -233,9 +233,9 @@ def test_the_text_names_the_sensors_without_trust_whose_levels_count() -> None:
     assert without_trust(0, live_cm=13.0, limits=low)[1].endswith(
         "; sensor 1, which diagnosis does not trust, may be right"
     )
-    situation = replace(supervisor._situation(LIMITS, RUNNING, HEALTHY, NOW_NS, NO_BELIEF), level_cm=(13.0,) * 4)
+    situation = supervisor._situation(LIMITS, RUNNING, HEALTHY, NOW_NS, NO_BELIEF)._replace(level_cm=(13.0,) * 4)
     high = next(interlock for interlock in INTERLOCKS if interlock.cause is TripCause.HIGH_LEVEL)
-    two = high.describe(replace(situation, live_cm=(13.0, -math.inf, 13.0, 12.0)))
+    two = high.describe(situation._replace(live_cm=(13.0, -math.inf, 13.0, 12.0)))
     assert two.endswith("13.00 cm; sensor 1 and 3, which diagnosis does not trust, may be right")
     assert high.describe(situation).endswith("13.00 cm")
     assert without_trust(0, live_cm=2.0, limits=low)[1].endswith(" cm")
@@ -254,7 +254,7 @@ def standing_at(h1: float, h3: float, *, side: int = 0) -> Inputs:
 def test_a_tank_that_would_still_rise_to_the_rim_trips_before_its_level_does(side: int) -> None:
     idle = but(standing_at(18.0, 19.0, side=side), "pumps", applied_V=(0.0, 0.0))
     rim = replace(LIMITS, rim_margin_cm=0.0)
-    off = replace(RUNNING, command_V=(0.0, 0.0))
+    off = RUNNING._replace(command_V=(0.0, 0.0))
     low, high = 18.0, 19.0
     for _ in range(40):  # the upper level at which the peak is at the limit, by bisection
         h3 = 0.5 * (low + high)
@@ -272,22 +272,22 @@ def test_a_peak_just_at_the_margin_is_good(tank: int) -> None:
     for volts, cause in ((9.75 - JUST, None), (9.75, None), (9.75 + JUST, TripCause.HIGH_LEVEL)):
         levels[tank] = volts
         inputs = but(idle, "measurement", level_V=(0.0, 0.0, *levels[2:]))
-        assert cause_of(inputs, limits=limits, state=replace(RUNNING, command_V=(0.0, 0.0))) is cause
+        assert cause_of(inputs, limits=limits, state=RUNNING._replace(command_V=(0.0, 0.0))) is cause
 
 
 def test_what_the_pumps_still_deliver_counts_whoever_says_so() -> None:
     """Command, applied voltage and the lagging flow: the largest of them is on its way."""
     brim = but(standing_at(2.0, 18.9), "pumps", applied_V=(0.0, 0.0))
-    off = replace(RUNNING, command_V=(0.0, 0.0))
+    off = RUNNING._replace(command_V=(0.0, 0.0))
     tight = replace(LIMITS, rim_margin_cm=0.9, lag_s=(5.0, 5.0))
     assert cause_of(brim, state=off, limits=tight) is None
-    assert cause_of(brim, state=replace(off, command_V=(0.0, 3.0)), limits=tight) is TripCause.HIGH_LEVEL
+    assert cause_of(brim, state=off._replace(command_V=(0.0, 3.0)), limits=tight) is TripCause.HIGH_LEVEL
     assert cause_of(but(brim, "pumps", applied_V=(0.0, 3.0)), state=off, limits=tight) is TripCause.HIGH_LEVEL
     assert cause_of(brim, Belief(pump_V=(0.0, 3.0)), state=off, limits=tight) is TripCause.HIGH_LEVEL
     assert cause_of(brim, Belief(pump_V=(3.0, 0.0)), state=off, limits=tight) is None
     other = but(but(HEALTHY, "pumps", applied_V=(0.0, 0.0)), "measurement", level_V=(1.0, 1.0, 0.2, 9.45))
-    assert cause_of(other, state=replace(off, command_V=(3.0, 0.0)), limits=tight) is TripCause.HIGH_LEVEL
-    assert cause_of(other, state=replace(off, command_V=(0.0, 3.0)), limits=tight) is None
+    assert cause_of(other, state=off._replace(command_V=(3.0, 0.0)), limits=tight) is TripCause.HIGH_LEVEL
+    assert cause_of(other, state=off._replace(command_V=(0.0, 3.0)), limits=tight) is None
 
 
 @pytest.mark.parametrize("side", [0, 1])
@@ -605,7 +605,7 @@ def test_clearing_ends_disarmed_and_takes_the_nodes_own_trip_along() -> None:
     assert (state.mode, state.clears_node) == (Mode.READY, True)
     state, _ = after(READY, state=state)
     assert (state.mode, state.clears_node) == (Mode.RUNNING, False)
-    stopped, _ = after(but(READY, "bus", is_up=False), state=replace(state, clears_node=True))
+    stopped, _ = after(but(READY, "bus", is_up=False), state=state._replace(clears_node=True))
     assert (stopped.mode, stopped.clears_node) == (Mode.TRIPPED, False)
 
 
@@ -769,7 +769,7 @@ def test_every_tank_has_its_own_rim(tank: int) -> None:
     heights = quad(15.0 if i == tank else 20.0 for i in range(4))
     limits = replace(LIMITS, model=replace(LIMITS.model, height_cm=heights), lag_s=(0.0, 0.0))
     idle = but(HEALTHY, "pumps", applied_V=(0.0, 0.0))
-    off = replace(RUNNING, command_V=(0.0, 0.0))
+    off = RUNNING._replace(command_V=(0.0, 0.0))
     for other in range(4):
         for volts, trips in ((7.25 - JUST, False), (7.25 + JUST, other == tank)):
             inputs = but(idle, "measurement", level_V=quad(volts if i == other else 0.0 for i in range(4)))
@@ -782,7 +782,7 @@ def test_what_a_pump_still_delivers_is_counted_by_its_curve() -> None:
     limits = replace(LIMITS, pumps=pumps)
     drives = pumps.drive((3.0, 4.0))
     seen = but(HEALTHY, "pumps", applied_V=(3.0, 1.0))
-    situation = supervisor._situation(limits, replace(RUNNING, command_V=(1.0, 4.0)), seen, NOW_NS, Belief())
+    situation = supervisor._situation(limits, RUNNING._replace(command_V=(1.0, 4.0)), seen, NOW_NS, Belief())
     assert situation.pump_V == pytest.approx(drives)
     late = supervisor._situation(limits, RUNNING, HEALTHY, NOW_NS, Belief(pump_V=(50.0, 60.0)))
     assert late.pump_V == (50.0, 60.0)

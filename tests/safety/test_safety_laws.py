@@ -190,8 +190,8 @@ def test_a_target_that_weak_pumps_can_hold_is_taken_at_the_end_of_a_start_phase(
     wanted = (0.5 * 18.0, 0.5 * 18.0)
     reached = nearest_reachable(BENCH, (18.0, 18.0), (4.0, 4.0)).lower_cm
     told = replace(state.inputs, requested_V=wanted)
-    state = replace(state, inputs=told, followed=Followed(effectiveness=weak))
+    state = state._replace(inputs=told, followed=Followed(effectiveness=weak))
     for said_cm, expected in ((reached, reached), ((18.0, 18.0), (18.0, 18.0)), ((5.0, 5.0), (18.0, 18.0))):
         request = LawRequest((3.0, 3.0), (0.5 * said_cm[0], 0.5 * said_cm[1]))
-        goal = start_goal.goal_cm(BENCH, loop, replace(state, request=request))
+        goal = start_goal.goal_cm(BENCH, loop, state._replace(request=request))
         assert goal == pytest.approx(expected)

@@ -116,7 +116,7 @@ def test_a_law_that_asks_for_no_number_trips_in_the_same_tick(nonsense: float, m
 
     def broken(*arguments: Any) -> tuple[LoopState, tuple[Event, ...]]:
         loop, events = original(*arguments)
-        return replace(loop, raw_V=(3.0, nonsense)), events
+        return loop._replace(raw_V=(3.0, nonsense)), events
 
     monkeypatch.setattr(closed_loop, "step", broken)
     bench.step()

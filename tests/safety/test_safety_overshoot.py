@@ -143,8 +143,8 @@ def test_a_share_that_falls_is_extrapolated_until_the_tank_above_has_drained() -
     """0.1 below the earlier one is 1 % a second, and the share is 3 s old; a share that rises is taken as it is."""
     falling = Outlets((0.8, 0.7), earlier=(0.9, 0.9), drain_s=(20.0, 10.0))
     assert falling.open_share == pytest.approx((0.8 - 0.01 * 23.0, 0.7 - 0.02 * 13.0))
-    assert replace(falling, earlier=(0.7, 0.6)).open_share == (0.8, 0.7)
-    assert replace(falling, earlier=(1.8, 0.9)).open_share[0] == MIN_SHARE
+    assert falling._replace(earlier=(0.7, 0.6)).open_share == (0.8, 0.7)
+    assert falling._replace(earlier=(1.8, 0.9)).open_share[0] == MIN_SHARE
 
 
 @pytest.mark.parametrize(("tank", "drain_s"), [(0, 22.8), (1, 30.1)])

@@ -140,7 +140,7 @@ def test_more_water_for_the_same_reading_means_a_higher_head() -> None:
     """20 % more flow is held by 44 % more head; the datum is no level."""
     rest = inflow(AT_REST, (3.0, 3.0))
     assert rest.ratio == pytest.approx((1.0, 1.0), abs=1e-6)
-    risen = replace(rest, ratio=(1.2, 1.0))
+    risen = rest._replace(ratio=(1.2, 1.0))
     possible = risen.possible_cm(DEEP, AT_REST, Diagnosis())
     assert possible[0] == pytest.approx(1.44 * (AT_REST[0] + DATUM[0]) - DATUM[0])
     assert possible[1] == -math.inf

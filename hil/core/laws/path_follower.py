@@ -14,7 +14,8 @@ MANUAL                     the path is where the rig is: lower levels as estimat
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 from hil.core import feedforward, state_feedback
 from hil.core.control_law import Authority, LawInputs
@@ -35,8 +36,7 @@ NEAR_COUPLED_CM = 2.0
 levels by more there, and feedback on the whole deviation learns it sooner than feedback on that from a path."""
 
 
-@dataclass(frozen=True, slots=True)
-class PathState:
+class PathState(NamedTuple):
     """A path on its way: target, tanks and limits for which it was continued last, and what they were found for."""
 
     path: FeedforwardPath
@@ -64,7 +64,7 @@ class PathFollower:
         if is_near:
             return rest
         (t1, t2), (v1, v2) = base.effectiveness, inputs.given_V
-        return replace(rest, path=feedforward.taken_over(inputs.level_cm, (t1 * v1, t2 * v2), rest.limits))
+        return rest._replace(path=feedforward.taken_over(inputs.level_cm, (t1 * v1, t2 * v2), rest.limits))
 
     def at_rest(self, base: StateFeedback, inputs: LawInputs) -> PathState:
         """The path that has arrived."""
@@ -111,9 +111,9 @@ class PathFollower:
         """The path where the rig is, while somebody else gives the drives."""
         (t1, t2), (v1, v2) = base.effectiveness, inputs.given_V
         drive_V = (t1 * v1 - feedback_V[0], t2 * v2 - feedback_V[1])
-        path = feedforward.moved(model, limits, replace(path, drive_V=drive_V))
+        path = feedforward.moved(model, limits, path._replace(drive_V=drive_V))
         h1, h2, _, _ = inputs.estimate.level_cm
-        return replace(path, level_cm=(h1, h2, *path.level_cm[2:]))
+        return path._replace(level_cm=(h1, h2, *path.level_cm[2:]))
 
     def _rig(self, found: Found) -> tuple[TankModel, PathLimits]:
         return self.reconfiguration.tanks(*found), self.limits.with_effectiveness(found[0])
@@ -147,8 +147,7 @@ def _from_the_rig(
     (t1, t2), (v1, v2), (p1, p2) = base.effectiveness, inputs.given_V, inputs.estimate.pump_V
     moved = feedforward.moved(model, limits, path)
     h1, h2, _, _ = inputs.estimate.level_cm
-    return replace(
-        moved,
+    return moved._replace(
         level_cm=(h1, h2, *moved.level_cm[2:]),
         flow_V=(t1 * p1 - feedback_V[0], t2 * p2 - feedback_V[1]),
         drive_V=(t1 * v1 - feedback_V[0], t2 * v2 - feedback_V[1]),

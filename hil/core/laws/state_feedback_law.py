@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import isfinite
+from typing import NamedTuple
 
 from hil.core import state_feedback
 from hil.core.control_law import Authority, FeedbackRecord, LawInputs, LawRequest
@@ -33,8 +34,7 @@ Task = tuple[Pair, Pair, Pair | None, Waterways | None]
 """Reference, effectiveness, valve splits and waterways that a state feedback is computed for."""
 
 
-@dataclass(frozen=True, slots=True)
-class FeedbackMemory:
+class FeedbackMemory(NamedTuple):
     """What the law remembers between two steps.
 
     feedback : in force at the last step. base : the same, as it is at the end of a start phase. task : what it was
@@ -148,11 +148,13 @@ class StateFeedbackLaw:
         if self.follower is None:
             return inputs.level_cm
         share = SMOOTHED / self.model.level_gain_V_cm
-        h1, h2, h3, h4 = (
-            h - share * innovation if isfinite(innovation) else h
-            for h, innovation in zip(inputs.level_cm, inputs.estimate.innovation_V, strict=True)
+        (h1, h2, h3, h4), (n1, n2, n3, n4) = inputs.level_cm, inputs.estimate.innovation_V
+        return (
+            h1 - share * n1 if isfinite(n1) else h1,
+            h2 - share * n2 if isfinite(n2) else h2,
+            h3 - share * n3 if isfinite(n3) else h3,
+            h4 - share * n4 if isfinite(n4) else h4,
         )
-        return h1, h2, h3, h4
 
     def check(self, reference_V: Pair) -> None:
         """There is a feedback for the reference, and it stabilises the rig with healthy pumps.
