@@ -269,15 +269,16 @@ def _wanted(model: TankModel, limits: PathLimits, path: FeedforwardPath, target:
 
 
 def _decoupled(model: TankModel, limits: PathLimits, path: FeedforwardPath, target: Target, rate_cm_s: Pair) -> Pair:
-    out, approach_s = outflows(model, path.level_cm, path.flow_V), max(APPROACH_S, limits.period_s)
+    level_cm, flow_V, under_way = path.level_cm, path.flow_V, path.under_way
+    out, approach_s = outflows(model, level_cm, flow_V), max(APPROACH_S, limits.period_s)
     wanted = []
     for i in (0, 1):
         effect, area = model.valve_split[i] * model.pump_gain_cm3_Vs[i], model.area_cm2[i]
         hold = (out[i] - model.arriving[i] * out[i + 2] + area * rate_cm_s[i]) / effect
-        ahead = (target.level_cm[i] - path.level_cm[i]) * area / effect
-        ahead -= limits.lag_s[i] * (path.flow_V[i] - hold)
-        if path.under_way[i]:
-            ahead -= limits.period_s * sum(drive - hold for drive in path.under_way[i])
+        ahead = (target.level_cm[i] - level_cm[i]) * area / effect
+        ahead -= limits.lag_s[i] * (flow_V[i] - hold)
+        if under_way[i]:
+            ahead -= limits.period_s * sum(drive - hold for drive in under_way[i])
         wanted.append(hold + ahead / approach_s)
     return wanted[0], wanted[1]
 

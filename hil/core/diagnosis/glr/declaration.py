@@ -168,7 +168,9 @@ def follow_growth(config: DetectorConfig, m: Memory) -> list[Alarm]:
 def follow_lags(config: DetectorConfig, m: Memory) -> list[Alarm]:
     """New sizes of lags, once later movements have taught that the first was wrong, under the number of their alarm."""
     alarms: list[Alarm] = []
-    if m.suspicion is not None or m.unknown is not None or m.t_s - m.followed_s < FOLLOW_S:
+    if m.declared.keys().isdisjoint(LAGS) or m.suspicion is not None or m.unknown is not None:
+        return alarms
+    if m.t_s - m.followed_s < FOLLOW_S:
         return alarms
     for j in [j for j in LAGS if j in m.declared]:
         fault = m.declared[j]
@@ -225,6 +227,8 @@ def withdrawn(m: Memory, number: int, candidates: tuple[str, ...]) -> Alarm:
 
 def effectiveness(m: Memory) -> Pair:
     """(2,) each pump's gain over that of the rig file; exactly 1 unless a difference or a change was declared."""
+    if m.declared.keys().isdisjoint(PUMPS):
+        return strength.effectiveness(m)
     left = list(strength.effectiveness(m))
     for pump in PUMPS:
         fault = m.declared.get(pump)
@@ -235,7 +239,7 @@ def effectiveness(m: Memory) -> Pair:
 
 def valve_split(config: DetectorConfig, m: Memory) -> Pair | None:
     """(2,) the valves' splits if a shift of one was declared, otherwise None."""
-    if not any(j in m.declared for j in SPLITS):
+    if m.declared.keys().isdisjoint(SPLITS):
         return None
     first, second = (
         float(config.model.valve_split[valve] * (m.x[SPLIT + valve] if SPLITS[valve] in m.declared else 1.0))
@@ -261,6 +265,8 @@ def unproven(config: DetectorConfig, m: Memory) -> tuple[bool, bool]:
     hypothesis is true, one whose upper tank receives no water from it, and one that has failed with the other, and
     stands still before it was known how much it has left.
     """
+    if m.unproven is None and m.declared.keys().isdisjoint(PUMPS):
+        return False, False
     doubts = [m.unproven is not None and m.unproven[0] == pump for pump in PUMPS]
     if m.suspicion is not None and m.suspicion.leader is not None:
         for pump in PUMPS:

@@ -127,7 +127,7 @@ class GlrDetector:
         m.t_s = m.times_s[m.now % RING] = t_s
         n, level_V, usable = measurement.readings, measurement.level_V, m.usable
         floor_V2, gain = self.config.floor_V2, self.config.model.level_gain_V_cm
-        scale, expected_cm = m.scale.tolist(), m.x[:4].tolist()
+        scale, expected_cm = m.scale.tolist(), m.x[LEVEL : LEVEL + 4].tolist()
         levels, variances = [nan] * 4, [1.0] * 4
         valid, count, shows_level = measurement.valid, n if n > 1 else 1, self.config.shows_level
         for i, sensor in enumerate(m.sensors):

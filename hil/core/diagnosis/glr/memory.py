@@ -450,7 +450,7 @@ class Memory:
         """The smallest jumps that count; what has been declared may also go back."""
         if not self.declared:
             return MIN_JUMPS
-        return _min_jumps(tuple((j, fault.size < 0.0) for j, fault in self.declared.items()))
+        return _min_jumps(tuple([(j, fault.size < 0.0) for j, fault in self.declared.items()]))
 
     @property
     def trusted(self) -> tuple[bool, bool, bool, bool]:

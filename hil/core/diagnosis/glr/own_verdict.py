@@ -204,6 +204,8 @@ def is_learned_on(m: Memory) -> bool:
     on a rig that is proven not to be as its file says if its own readings show that it has failed: that says nothing of
     the process, which a drift may.
     """
+    if not m.declared and not m.lost:
+        return True
     own = (
         j in LAGS or JUMPS[j].state >= BIAS or (j in PUMPS and abs(one.size) <= MINOR) for j, one in m.declared.items()
     )

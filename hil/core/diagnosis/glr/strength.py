@@ -63,6 +63,8 @@ def step(m: Memory) -> list[Alarm]:
 
 def effectiveness(m: Memory) -> Pair:
     """(2,) what each pump gives over what its file says, as reported; 1 if nothing was."""
+    if not m.strength:
+        return 1.0, 1.0
     first, second = (m.strength[pump].share if pump in m.strength else 1.0 for pump in PUMPS)
     return first, second
 
