@@ -22,7 +22,7 @@ PUMP_GAIN, PUMP_LAG = "pump_effectiveness", "pump_lag"
 SIZE_TOLERANCE, LAG_TOLERANCE = 0.1, 0.25
 """Share of the flow that the file says; share of the true lag."""
 
-LEAST_V = 1.0
+MIN_V = 1.0
 """What a pump gives at a lower voltage is its dead zone, not its gain: it is judged by what it gives here."""
 
 LONG_UNKNOWN_S = 30.0
@@ -100,7 +100,7 @@ def reported(
     """
     alarms = [(t_s, event.data) for t_s, event in seen.events if event.code == "alarm"]
     if not is_unlike_its_file(drawn):
-        return _told(drawn, seen, alarms, flow_share)
+        return _findings(drawn, seen, alarms, flow_share)
     after: list[tuple[float, dict[str, Any]]] = []
     for t_s, data in alarms:
         if t_s >= onset_s:
@@ -108,7 +108,7 @@ def reported(
             earlier = {name: t_s for name, at_s in known.items() if isinstance(at_s, float) and at_s < onset_s}
             after.append((t_s, {**data, **earlier}))
     before = [(t_s, data) for t_s, data in alarms if t_s < onset_s]
-    return (*_told(drawn, seen, before, flow_share), *_told(drawn, seen, after, flow_share))
+    return (*_findings(drawn, seen, before, flow_share), *_findings(drawn, seen, after, flow_share))
 
 
 def is_unlike_its_file(drawn: Mapping[str, Any]) -> bool:
@@ -160,7 +160,7 @@ def _unknown_spans_s(told: Told, end_s: float) -> list[tuple[float, float]]:
     return spans
 
 
-def _told(
+def _findings(
     drawn: Mapping[str, Any], seen: Observations, alarms: Sequence[tuple[float, Any]], flow_share: FlowShare | None
 ) -> tuple[Told, ...]:
     return tuple(
@@ -183,4 +183,4 @@ def _report(
         return plain
     step = min(int(np.searchsorted(seen.column("t_s"), t_s - 1e-6)), len(seen.steps) - 1)
     voltage_V, assumed = (float(seen.column(name)[step]) for name in (f"v{target}_V", f"e{target}"))
-    return replace(plain, voltage_V=voltage_V, assumed=assumed, true=flow_share(target, max(voltage_V, LEAST_V)))
+    return replace(plain, voltage_V=voltage_V, assumed=assumed, true=flow_share(target, max(voltage_V, MIN_V)))

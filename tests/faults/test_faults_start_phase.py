@@ -53,6 +53,19 @@ def test_pumps_that_are_not_as_the_file_says_with_a_dead_zone_get_through_withou
     assert max(run.at(0.0).measured_V[:2]) < 7.0
 
 
+def test_a_pump_that_is_named_on_the_ramp_does_not_send_both_to_their_limit() -> None:
+    """The integrals took the way that was still to go for a deviation: 10 V for 18 s, and a trip at 19 cm."""
+    run = play_with_early_fault(from_empty(fault("pump_effectiveness", 0.0, 2, 0.7)), 15.0, seed=3)
+    named_s = run.finding("pump_effectiveness 2").isolated_s
+    assert named_s is not None
+    assert begun_s(run) + 15.0 < named_s < begun_s(run) + 20.0
+    near = [tick for tick in run.ticks if named_s - 2.0 <= tick.t_s <= named_s + 5.0]
+    first, second = ([tick.command_V[pump] for tick in near] for pump in (0, 1))
+    assert max(first) - min(first) < 1.5
+    assert max(second) < 1.7 * max(second[:10])
+    assert run.trips == [], run.told
+
+
 def test_a_drift_on_a_rig_that_its_file_does_not_describe_ends_the_phase_before_the_tank_is_full() -> None:
     """It was taken for the rig's own pumps and outlets, and named a leak when 41 cm3 had gone over the rim."""
     pumps = {"gain_cm3_Vs": [1.15 * 3.33, 1.15 * 3.35], "dead_zone_V": 0.5}

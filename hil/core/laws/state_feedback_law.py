@@ -98,7 +98,8 @@ class StateFeedbackLaw:
         feedback, path = self._around(memory, base, integral, inputs)
         if base is not memory.base:
             before = memory.feedback
-            if path is not None and memory.path is not None and path.model is memory.path.model:
+            is_same = path is not None and memory.path is not None and path.model is memory.path.model
+            if path is not None and is_same and not self._is_on_start_ramp(inputs):
                 before = with_path(before, path)  # it is the deviation from the path that goes on
             effective = state_feedback.effective_voltage(before, integral, level_cm)
             integral = state_feedback.bumpless_integral(feedback, level_cm, effective)
