@@ -107,7 +107,7 @@ def _watch_file(config: DetectorConfig, m: Memory, wide: Wide) -> None:
     """Let the wide filter become the main one when the rig file has been refuted for long enough."""
     wide.refuted_s = min(wide.refuted_s, m.t_s) if _is_refuted(config, m, wide) else inf
     if m.t_s - wide.refuted_s >= REFUTE_HOLD_S:
-        _become_main(m, wide)
+        become_main(m, wide)
 
 
 def _is_refuted(config: DetectorConfig, m: Memory, wide: Wide) -> bool:
@@ -128,7 +128,7 @@ def explains_alarm(config: DetectorConfig, m: Memory) -> bool:
     wide = m.wide
     if own_verdict.is_idle(m, leader, onset) and all(float(m.bank.match[j, slot]) < 0.0 for j in jumps_of(leader)):
         if wide is not None and wide.lead[m.now % RING] >= 0.0:
-            _become_main(m, wide)
+            become_main(m, wide)
         m.restart_bank()
         return True
     if wide is None or leader not in (*PUMPS, BOTH, *LAGS) or not own_verdict.is_from_begin(m, onset):
@@ -136,7 +136,7 @@ def explains_alarm(config: DetectorConfig, m: Memory) -> bool:
     gains, stds = wide.x[SCALE : SCALE + 2], config.wide_prior[SCALE : SCALE + 2]
     if np.any(np.abs(gains - 1.0) > own_verdict.OWN_STDS * stds) or wide.lead[m.now % RING] < 0.0:
         return False
-    _become_main(m, wide)
+    become_main(m, wide)
     return True
 
 
@@ -179,7 +179,7 @@ def _is_old(m: Memory, wide: Wide) -> bool:
     return m.suspicion is None and (m.now - wide.began) * float(m.entry[PERIOD]) > RENEW_S
 
 
-def _become_main(m: Memory, wide: Wide) -> None:
+def become_main(m: Memory, wide: Wide) -> None:
     """The wide filter becomes the main one: the rig is as it says."""
     m.x[:], m.P[:], m.is_wide, m.relearned_s = wide.x, wide.P, True, wide.relearned_s
     m.scale[:] = 1.0
@@ -201,7 +201,7 @@ def explains(config: DetectorConfig, m: Memory, onset: int, ratio: float) -> boo
     share = PROVEN_SHARE if m.is_wide else WIDE_SHARE
     if lead < share * ratio or not (is_early or own_verdict.moved_by(m, onset) >= own_verdict.MOVED_V):
         return False
-    _become_main(m, wide)
+    become_main(m, wide)
     return True
 
 

@@ -167,6 +167,7 @@ def _speak(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> None:
         may_be_own = near is not None or own_verdict.is_nothing_near(config, m, suspicion.leader)
     else:
         may_be_own = own_verdict.own_instead(config, m, suspicion.leader) is not None
+    may_be_own = may_be_own or (open_s < QUIET_S and own_verdict.gives_more(m, suspicion.leader))
     if may_be_own and not (is_start and open_s >= START_QUIET_S):
         return
     m.alarms += 1
@@ -280,10 +281,7 @@ def _settle(config: DetectorConfig, m: Memory, suspicion: Suspicion, winner: int
     again with the bank: a fault that has begun meanwhile is then seen from its onset on.
     """
     r, has_moved = m.replays, ambiguity.has_moved(m)
-    if own_verdict.shows_nothing(m, winner):
-        m.suspicion = None
-        first_day.learn_zone(config, m, winner)
-        m.restart_bank()
+    if _is_of_rig(config, m, winner):
         return [] if suspicion.number is None else [declaration.withdrawn(m, suspicion.number, ())]
     is_own = own_verdict.is_own(config, m, winner)
     if suspicion.is_quiet:
@@ -314,6 +312,19 @@ def _settle(config: DetectorConfig, m: Memory, suspicion: Suspicion, winner: int
     m.hidden = hidden_level.begin(config, m, winner)
     m.verdicts_s = (*m.verdicts_s, m.t_s)[-config.tuning.verdicts_max :]
     return alarms
+
+
+def _is_of_rig(config: DetectorConfig, m: Memory, winner: int) -> bool:
+    """Whether a verdict cannot be a fault, so that it teaches what the rig is; it has been learned then."""
+    if own_verdict.shows_nothing(m, winner):
+        first_day.learn_zone(config, m, winner)
+        m.restart_bank()
+    elif m.wide is not None and own_verdict.gives_more(m, winner):
+        first_day.become_main(m, m.wide)
+    else:
+        return False
+    m.suspicion = None
+    return True
 
 
 def _learn(m: Memory, suspicion: Suspicion, winner: int) -> list[Alarm]:

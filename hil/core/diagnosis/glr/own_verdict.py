@@ -72,9 +72,15 @@ def is_own(config: DetectorConfig, m: Memory, winner: int) -> bool:
 def may_be_own(config: DetectorConfig, m: Memory) -> bool:
     """Whether the verdict on what the bank has just found may be that it is the rig's own, see `own_instead`.
 
-    The likeliest fault of pumps, valves and tanks may be, if no sensor's leads it by the margin.
+    The likeliest fault of pumps, valves and tanks may be, if no sensor's leads it by the margin. On a rig that is not
+    proven not to be as its file says, a pump that gives more since its voltage has risen may be.
     """
     ratio = m.best.ratio
+    if not m.is_wide:
+        first = int(np.argmax(ratio))
+        slot = m.best.slot[first]
+        sizes = [float(m.bank.match[j, slot]) for j in jumps_of(first)]
+        return _gives_more(m, first, int(m.bank.onset[slot]), sizes)
     leader = max((n for n in range(BOTH + 1) if not _is_sensor(n)), key=lambda n: float(ratio[n]))
     if not m.is_wide or ratio[leader] <= 0.0 or float(ratio[leader]) < m.max_ratio - config.tuning.margin:
         return False
@@ -144,6 +150,33 @@ def _is_one(m: Memory, pump: int, onset: int) -> bool:
     other = PUMPS[1 - pump]
     is_other_well = abs(float(change[other])) <= SMALL and not is_idle(m, other, onset)
     return float(change[pump]) < 0.0 and is_other_well and is_idle(m, pump, onset)
+
+
+def gives_more(m: Memory, number: int) -> bool:
+    """Whether a hypothesis says that pumps give more since their voltage has risen, where the file is still believed.
+
+    No fault does that: a pump that has stuck gives more than its voltage says when that falls. So the rig is not as its
+    file says, as with a dead zone that the file does not have.
+    """
+    r = m.replays
+    sizes = [float(r.x[number, JUMPS[j].state] - r.before[number, JUMPS[j].state]) for j in jumps_of(number)]
+    return _gives_more(m, number, int(r.onset[number]), sizes)
+
+
+def _gives_more(m: Memory, number: int, onset: int, sizes: Sequence[float]) -> bool:
+    jumps = jumps_of(number)
+    if number not in (*PUMPS, BOTH) or m.is_wide or not is_learned_on(m) or any(j in m.declared for j in jumps):
+        return False
+    return min(sizes) > 0.0 and all(_risen_by(m, j, onset) >= MOVED_V for j in jumps)
+
+
+def _risen_by(m: Memory, pump: int, onset: int) -> float:
+    """By how many volts a pump's mean voltage since a step is above that of the second before."""
+    begin = max(onset, m.now - RING + 1, 1)
+    before = np.arange(max(begin - _steps_of(m, BEFORE_S), m.now - RING + 1, 0), begin + 1) % RING
+    since = np.arange(begin, m.now + 1) % RING
+    voltages_V = m.history.entries[:, VOLTAGE + pump]
+    return float(voltages_V[since].mean() - voltages_V[before].mean())
 
 
 def is_nothing_near(config: DetectorConfig, m: Memory, leader: int) -> bool:
@@ -220,6 +253,10 @@ def is_from_begin(m: Memory, onset: int) -> bool:
 
 def moved_by(m: Memory, onset: int) -> float:
     """By how many volts a pump's voltage has moved since a little before a step."""
-    before = max(BEFORE_STEPS, round((BEFORE_PROVEN_S if m.is_wide else BEFORE_S) / float(m.entry[PERIOD])))
+    before = _steps_of(m, BEFORE_PROVEN_S if m.is_wide else BEFORE_S)
     steps = np.arange(max(onset - before, m.now - RING + 1, 1), m.now + 1) % RING
     return float(np.max(np.ptp(m.history.entries[steps, VOLTAGE : VOLTAGE + 2], axis=0)))
+
+
+def _steps_of(m: Memory, time_s: float) -> int:
+    return max(BEFORE_STEPS, round(time_s / float(m.entry[PERIOD])))
