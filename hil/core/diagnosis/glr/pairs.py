@@ -16,7 +16,7 @@ from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
 from hil.core.diagnosis.glr.model import Array
 
 PLAIN = -1
-LEAST_RATIO = 2.0
+MIN_RATIO = 2.0
 """Each of the two jumps has at least this log-likelihood ratio, two standard deviations of its size."""
 
 
@@ -41,7 +41,7 @@ def _likeliest_slot(m: Memory, number: int, enough: float) -> int | None:
     sizes = np.divide(match, energy, out=np.zeros_like(match), where=energy > 0.0)
     ratios = 0.5 * match * sizes
     least = np.where(sizes > 0.0, rise[places, None], fall[places, None])
-    count = (np.abs(sizes) >= least) & (ratios >= LEAST_RATIO)
+    count = (np.abs(sizes) >= least) & (ratios >= MIN_RATIO)
     is_usable = count.all(axis=0) & (sizes[0] * sizes[1] > 0.0) & (m.bank.onset >= 0)
     together = np.where(is_usable, ratios.sum(axis=0), 0.0)
     slot = int(np.argmax(together))
