@@ -64,7 +64,7 @@ class Report:
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class Reported:
     """A finding, and all that was reported under its number."""
 
     finding: Finding
@@ -92,7 +92,7 @@ class Told:
 
 def reported(
     drawn: Mapping[str, Any], seen: Observations, onset_s: float, flow_share: FlowShare | None
-) -> tuple[Told, ...]:
+) -> tuple[Reported, ...]:
     """The alarms of a run; onset_s : of the first fault of the process, inf without one.
 
     On a drawn rig that the controller does not know an alarm may be open before the fault, and tell of the fault under
@@ -116,7 +116,7 @@ def is_unlike_its_file(drawn: Mapping[str, Any]) -> bool:
     return "flow_ratio" in drawn
 
 
-def is_allowed(told: Told, drawn: Mapping[str, Any], faults: Sequence[Injected]) -> bool:
+def is_allowed(told: Reported, drawn: Mapping[str, Any], faults: Sequence[Injected]) -> bool:
     """Whether an alarm is no false one, because it says what a drawn rig is, or that nothing known explains it.
 
     What is said of a pump that has failed is judged as the name of a fault.
@@ -129,7 +129,7 @@ def is_allowed(told: Told, drawn: Mapping[str, Any], faults: Sequence[Injected])
     return is_unlike_its_file(drawn) and not is_faulty and (told.is_honest or told.is_unknown)
 
 
-def unknown_figures(alarms: Sequence[Told], end_s: float, *, is_complete: bool) -> dict[str, Any]:
+def unknown_figures(alarms: Sequence[Reported], end_s: float, *, is_complete: bool) -> dict[str, Any]:
     """Columns about what nothing known explained. end_s : of the run. is_complete : whether it ran to its end.
 
     unknowns : how many. unknown_s : for how long the longest stood. unknown_long : those that stood for
@@ -146,7 +146,7 @@ def unknown_figures(alarms: Sequence[Told], end_s: float, *, is_complete: bool) 
     }
 
 
-def _unknown_spans_s(told: Told, end_s: float) -> list[tuple[float, float]]:
+def _unknown_spans_s(told: Reported, end_s: float) -> list[tuple[float, float]]:
     """From and until when it was unknown: to its next name, its end, or the end of the run."""
     spans: list[tuple[float, float]] = []
     ends = [report.t_s for report in told.reports[1:]]
@@ -162,9 +162,9 @@ def _unknown_spans_s(told: Told, end_s: float) -> list[tuple[float, float]]:
 
 def _findings(
     drawn: Mapping[str, Any], seen: Observations, alarms: Sequence[tuple[float, Any]], flow_share: FlowShare | None
-) -> tuple[Told, ...]:
+) -> tuple[Reported, ...]:
     return tuple(
-        Told(finding_of(group), tuple(_report(drawn, seen, alarm, flow_share) for alarm in group))
+        Reported(finding_of(group), tuple(_report(drawn, seen, alarm, flow_share) for alarm in group))
         for group in grouped({**data, "reported_s": t_s} for t_s, data in alarms)
     )
 

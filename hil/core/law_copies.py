@@ -42,7 +42,10 @@ def copied(record: Record) -> Record:
 
 
 def inputs_of_law(known: LawInputs, references: RunReferences) -> LawInputs:
-    """The inputs with copies of all records in them that the loop goes on to use. references : those in `known`."""
+    """The inputs with copies of all records in them that can be changed, since the loop goes on to use them.
+
+    references : those in `known`.
+    """
     new = copied(known)
     start = references.start
     for name, value in (

@@ -1,6 +1,7 @@
 """`hil test`: scenarios with limits, a table of verdicts, a JUnit file, exit code 6."""
 
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -90,6 +91,15 @@ def test_a_run_that_does_not_go_to_its_end_is_an_error_unless_a_limit_expects_it
     assert "surprise: the run did not go to its end: tripped" in done.out
 
 
+@pytest.fixture
+def _hangup_ends() -> Iterator[None]:
+    """A SIGHUP that was ignored when the tests began, as below nohup, would end nothing."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.usefixtures("_hangup_ends")
 @pytest.mark.parametrize(
     ("number", "code", "said"),
     [

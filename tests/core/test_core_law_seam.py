@@ -164,9 +164,11 @@ def test_a_law_gets_copies_of_the_records_that_the_interlocks_use() -> None:
     known = law.told[-1]
     phase = StartPhase((1.0, 1.0), 5.0, 6.0, 0.1)
     handed = inputs_of_law(known, RunReferences(((0.0, REST_V),), phase))
-    for name in ("estimate", "diagnosis", "followed"):
+    for name in ("diagnosis", "followed"):
         assert getattr(handed, name) is not getattr(known, name)
         assert getattr(handed, name) == getattr(known, name)
     assert handed.references.start == phase
     assert handed.references.start is not phase
+    with pytest.raises(AttributeError):
+        object.__setattr__(handed.estimate, "level_cm", (0.0,) * 4)  # a tuple needs no copy
     assert copied(known) == known
