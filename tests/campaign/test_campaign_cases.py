@@ -187,7 +187,14 @@ def test_what_the_scenario_would_refuse_is_refused_before_any_run(
 
 CLASSES = {"false_alarms": 1, "false_alarms_lag": 1, "false_alarms_noise": 1, "false_alarms_spread": 1}
 CLASSES |= {"growing": 64, "growing_slow": 48, "leaks": 8, "pairs": 200, "pump_losses": 11, "sensors": 28}
-CLASSES |= {"shipped_rigs": 18, "drawn_rigs": 1, "drawn_rigs_fault": 21, "known_rigs": 1, "known_rigs_fault": 21}
+CLASSES |= {
+    "shipped_rigs": 18,
+    "drawn_rigs": 1,
+    "drawn_rigs_fault": 21,
+    "drawn_rigs_drift": 16,
+    "known_rigs": 1,
+    "known_rigs_fault": 21,
+}
 
 
 @pytest.mark.parametrize("file", sorted((CONFIG / "campaigns").glob("*.toml")), ids=lambda file: file.stem)

@@ -130,7 +130,7 @@ def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Ala
     if winner is None and suspicion.is_quiet and is_seen and not m.is_doubtful and open_s >= OWN_S:
         winner = own_verdict.leads_as_own(config, m, evidence)
     if not m.is_doubtful and (winner is not None or open_s >= QUIET_S):
-        own = own_verdict.own_instead(config, m, order[0])
+        own = _own_instead(config, m, order[0], open_s)
         winner = winner if own is None else own
     likeliest = order[0] if is_possible else int(np.argmax(r.evidence[:ALL]))
     best = likeliest if winner is None else winner
@@ -145,7 +145,7 @@ def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Ala
     if winner is not None:
         return _settle(config, m, suspicion, winner, order)
     small = ambiguity.leading_small(m, evidence[order[0]]) if is_late else None
-    if small is not None and own_verdict.is_own(config, m, small) and not unknown.fits_badly(m, small, at_fit=False):
+    if small is not None and _may_learn(config, m, small):
         return _settle(config, m, suspicion, small, order)
     _drop(config, m, evidence)
     if is_late:
@@ -166,13 +166,31 @@ def _speak(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> None:
         near = own_verdict.own_near(config, m, suspicion.leader)
         may_be_own = near is not None or own_verdict.is_nothing_near(config, m, suspicion.leader)
     else:
-        may_be_own = own_verdict.own_instead(config, m, suspicion.leader) is not None
+        may_be_own = _own_instead(config, m, suspicion.leader, open_s) is not None
     may_be_own = may_be_own or (open_s < QUIET_S and own_verdict.gives_more(m, suspicion.leader))
     if may_be_own and not (is_start and open_s >= START_QUIET_S):
         return
     m.alarms += 1
     suspicion.quiet_s = m.t_s - suspicion.detected_s
     suspicion.number, suspicion.detected_s, suspicion.is_quiet = m.alarms, m.t_s, False
+
+
+def _own_instead(config: DetectorConfig, m: Memory, leader: int, open_s: float) -> int | None:
+    """What may be the rig's own, see `own_verdict.own_instead`; after QUIET_S not what may be a drift as well.
+
+    An outlet that is learned while the sensor of its tank drifts hides the drift.
+    """
+    own = own_verdict.own_instead(config, m, leader)
+    if own is not None and open_s >= QUIET_S and ambiguity.is_drift_or_level(config, m, own, is_late=True):
+        return None
+    return own
+
+
+def _may_learn(config: DetectorConfig, m: Memory, small: int) -> bool:
+    """Whether what is too small to be declared may be learned as the rig's own, when the time for a name is over."""
+    if unknown.fits_badly(m, small, at_fit=False) or ambiguity.is_drift_or_level(config, m, small, is_late=True):
+        return False
+    return own_verdict.is_own(config, m, small)
 
 
 def _still_open(m: Memory, suspicion: Suspicion, likely: list[int]) -> list[Alarm]:

@@ -1,0 +1,49 @@
+"""A slow drift of a lower tank's sensor is not learned as the outlet of a rig that its file does not describe."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from hil.bench import campaign_case, campaign_run
+from hil.core.diagnosis.glr import isolation
+from hil.core.diagnosis.glr.model import DRIFT, OUTLET
+from tests.campaign.campaign_bench import CONFIG as CONFIG_DIR
+from tests.glr.test_glr_first_day import CONFIG, near_each_other, number_of
+
+LATE_S = isolation.QUIET_S
+
+
+@pytest.mark.parametrize(
+    ("open_s", "tank", "drift", "is_learned"),
+    [
+        (LATE_S, 1, 27.0, False),
+        (LATE_S, 1, 23.0, True),
+        (LATE_S, 2, 27.0, True),
+        (LATE_S - 0.1, 1, 27.0, True),
+    ],
+)
+def test_an_outlet_is_not_the_rigs_own_while_the_drift_of_its_sensor_is_as_likely(
+    open_s: float, tank: int, drift: float, *, is_learned: bool
+) -> None:
+    """At first it may be: then the alarm is kept back."""
+    m = near_each_other((OUTLET, -0.05, 28.0), (DRIFT + tank - 1, 0.002, drift))
+    own = isolation._own_instead(CONFIG, m, number_of(OUTLET), open_s)
+    assert (own == number_of(OUTLET)) is is_learned
+
+
+@pytest.mark.parametrize(("drift", "is_learned"), [(27.0, False), (23.0, True)])
+def test_nor_is_one_that_is_too_small_to_be_declared(drift: float, *, is_learned: bool) -> None:
+    m = near_each_other((OUTLET, -0.01, 28.0), (DRIFT, 0.002, drift))
+    assert isolation._may_learn(CONFIG, m, number_of(OUTLET)) is is_learned
+
+
+def test_a_slow_drift_on_a_drawn_rig_has_its_name() -> None:
+    """Without the rule nothing was said: it was learned as an outlet, again and again."""
+    options = campaign_run.CampaignOptions(seeds=1, first_seed=65312, duration_s=290.0)
+    case = campaign_run.prepare(CONFIG_DIR / "campaigns" / "drawn_rigs.toml", options).cases[0]
+    drift = {"at_s": 236.3, "kind": "sensor_drift", "target": 1, "value": -0.002}
+    case = replace(case, scenario_data={**case.scenario_data, "fault": [drift]})
+    row = campaign_case.run_case(case, CONFIG_DIR)
+    assert (row.declared, row.false_alarms, row.spurious_alarms, row.trip_cause) == ("sensor_drift 1", 0, 0, "")
+    assert json.loads(row.alarms_json)[-1]["size"] == pytest.approx(-0.002, rel=0.15)
