@@ -50,6 +50,19 @@ def test_a_request_that_no_privilege_allows_is_one_line(
         parse_request(*arguments)
 
 
+@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="needs two processors")
+def test_a_processor_that_is_kept_free_can_be_asked_for() -> None:
+    """With `isolcpus` no process begins there, and `--cpu` was refused for it."""
+    own = os.sched_getaffinity(0)
+    others = own - {max(own)}
+    os.sched_setaffinity(0, others)
+    try:
+        assert parse_request(True, None, max(own)) == RealTime(80, max(own))
+        assert os.sched_getaffinity(0) == others, "asking moves nothing"
+    finally:
+        os.sched_setaffinity(0, own)
+
+
 GRANTED = """
 import os, threading
 from hil.edge.host import realtime
