@@ -2,7 +2,7 @@
 
 The bank has no jumps for them. The two show at different sensors, so that the ratio of a pair is nearly the sum of
 those of its two jumps at the same onset. Only at an alarm, and where both count, a replay is begun.
-Why: `docs/decisions/0056-two-like-faults-at-once.md`.
+Why: `docs/decisions/0055-two-like-faults-at-once.md`.
 """
 
 from __future__ import annotations
