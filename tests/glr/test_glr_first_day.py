@@ -128,6 +128,19 @@ def test_what_follows_a_fault_is_reported(state: int, size: float, *, is_wide: b
 
 
 @pytest.mark.parametrize(
+    ("size", "declared_s", "is_learned"),
+    [(-0.25, 200.0, True), (-0.35, 200.0, False), (-0.25, 320.0, False), (-0.1, 320.0, True)],
+)
+def test_a_pump_may_differ_by_as_much_as_pumps_do_while_a_rig_shows_what_it_is(
+    size: float, declared_s: float, *, is_learned: bool
+) -> None:
+    """A pump with 0.84 of its gain at 4 V and all of it at 10 V was a fault at 37 s: ten wrong names followed."""
+    m = a_memory(0.0, 0.6)
+    m.declared[number_of(GAIN)] = Declared("pump_effectiveness", size, 1.0, 1, declared_s, declared_s)
+    assert own_verdict.is_learned_on(m) is is_learned
+
+
+@pytest.mark.parametrize(
     ("kind", "is_wide", "is_learned"),
     [
         ("sensor_stuck", True, True),

@@ -41,9 +41,10 @@ SMALL_RISE = 0.15
 SMALL_NEAR_ZONE, NEAR_ZONE_V = 0.2, 1.0
 """So does a larger one of a pump whose voltage has been below this a little before: a dead zone ends in a bend."""
 
-MINOR = 0.15
-"""A smaller declared loss of a pump may be the rig's own, and does not end its learning. A valve, an outlet or a leak
-does: while one grows, learning took its growth for the rig's own."""
+MINOR, EARLY_MINOR = 0.15, 0.3
+"""A smaller declared change of a pump may be the rig's own, and does not end its learning; the second where it was
+declared in the first `REPORT_S`, in which a rig shows what its pumps give at each voltage. A valve, an outlet or a leak
+ends it: while one grows, learning took its growth for the rig's own."""
 
 
 DRIFTS = "sensor_drift"
@@ -233,17 +234,22 @@ def _has_left_zone(m: Memory, winner: int, onset: int) -> bool:
 def is_learned_on(m: Memory) -> bool:
     """Whether the rig goes on to be learned.
 
-    No more may be declared than lags, biases of sensors, and MINOR losses of pumps. A lost sensor ends it, too, but not
-    on a rig that is proven not to be as its file says if its own readings show that it has failed: that says nothing of
-    the process, which a drift may.
+    No more may be declared than lags, biases of sensors, and minor changes of pumps. A lost sensor ends it, too, but
+    not on a rig that is proven not to be as its file says if its own readings show that it has failed: that says
+    nothing of the process, which a drift may.
     """
     if not m.declared and not m.lost:
         return True
-    own = (
-        j in LAGS or JUMPS[j].state >= BIAS or (j in PUMPS and abs(one.size) <= MINOR) for j, one in m.declared.items()
-    )
+    own = (j in LAGS or JUMPS[j].state >= BIAS or _is_minor(m, j) for j in m.declared)
     is_sure = m.is_wide and all(lost.kind != DRIFTS for lost in m.lost.values())
     return (not m.lost or is_sure) and all(own)
+
+
+def _is_minor(m: Memory, number: int) -> bool:
+    """Whether a declared fault is a change of a pump that the rig may have had before."""
+    one = m.declared[number]
+    most = EARLY_MINOR if one.declared_s - m.begun_s <= REPORT_S else MINOR
+    return number in PUMPS and abs(one.size) <= most
 
 
 def is_from_begin(m: Memory, onset: int) -> bool:
