@@ -1,14 +1,15 @@
 """Lateness of the control steps with many clients on the control channel, beside the same without any.
 
     python -m tools.benchmark.control_channel [--seconds S] [--pairs N]
-        [--realtime [--own-processor] | --apart [--ordinary-clients]]
+        [--realtime [--own-processor [--awake]] | --apart [--ordinary-clients]]
 
 Pairs of runs in real time on the emulator over slcan, in turns. The clients are a process of their own: 100 connect, of
 which as many as are served subscribe to states at 20 Hz; one never reads, one sends 10 MB without an end of line again
 and again, one sends requests without pause.
 
 --own-processor : the control thread has the last processor for itself, all other programs of the benchmark the rest, as
-with `isolcpus` and `hil run --realtime --cpu N`.
+with `isolcpus` and `hil run --realtime --cpu N`. With --awake a program of the class SCHED_IDLE, which gives way to all
+others, keeps that processor from halting, as `idle=poll` does.
 
 --apart : on a computer that is busy with other programs. All programs of the benchmark, the process that serves the
 clients and the clients among them, get SCHED_RR 1: others hardly count, and none of these stands back for the control
@@ -48,6 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--pairs", type=int, default=3, help="of runs, without and with clients (default: 3)")
     parser.add_argument("--realtime", action="store_true", help="runs with SCHED_FIFO, as `hil run --realtime`")
     parser.add_argument("--own-processor", action="store_true", help="with --realtime: nothing else on its processor")
+    parser.add_argument("--awake", action="store_true", help="with --own-processor: it never halts")
     parser.add_argument(
         "--apart", action="store_true", help="all programs of the benchmark before all others (SCHED_RR)"
     )
@@ -66,6 +68,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         *others, own = sorted(os.sched_getaffinity(0))
         os.sched_setaffinity(0, others)
         realtime += ["--cpu", f"{own}"]
+        if options.awake:
+            keep_awake(own)
     clients = ["--ordinary-clients"] if options.ordinary_clients else []
     late = {False: np.empty(0), True: np.empty(0)}
     skipped = {False: 0, True: 0}
@@ -121,6 +125,17 @@ def one_run(
         late, skipped = header.index("lateness_s"), header.index("skipped")
         rows = [line.split(",") for line in lines[1:]]
         return np.array([float(row[late]) * 1e3 for row in rows]), int(float(rows[-1][skipped]))
+
+
+def keep_awake(processor: int) -> None:
+    """Begin a program that keeps this processor busy and gives way to every other one, until this one ends."""
+    parent = os.getpid()
+    if os.fork() == 0:
+        os.sched_setaffinity(0, {processor})
+        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+        while os.getppid() == parent:
+            pass
+        os._exit(0)
 
 
 def keep_apart(run: int) -> None:
