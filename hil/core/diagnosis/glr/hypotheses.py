@@ -107,6 +107,9 @@ GROWTH_STD, GROWTH_JUMP = 0.006, 0.02
 LONG_LAG_ODDS = -8.0
 """A lag of many times the rig file's is rare, and while a voltage moves slowly it looks like a gain that fades."""
 
+PLAIN = -1
+"""In place of a variant: the jump itself."""
+
 VARIANTS: tuple[Variant, ...] = (
     # a filter that begins at the rig file's lag does not find a long one: its effect is far from linear in the lag
     *(

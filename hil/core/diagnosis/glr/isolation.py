@@ -28,7 +28,7 @@ from hil.core.diagnosis.glr.ambiguity import NO_EVIDENCE
 from hil.core.diagnosis.glr.declaration import IDLE_V
 from hil.core.diagnosis.glr.filter import VOLTAGE
 from hil.core.diagnosis.glr.growth import NO_GROWTH
-from hil.core.diagnosis.glr.hypotheses import ALL, BOTH, JUMPS, PUMPS, ROWS, VARIANTS, H, jumps_of
+from hil.core.diagnosis.glr.hypotheses import ALL, BOTH, JUMPS, PLAIN, PUMPS, ROWS, VARIANTS, H, jumps_of
 from hil.core.diagnosis.glr.memory import Checkpoint, DetectorConfig, Memory, Suspicion
 from hil.core.diagnosis.glr.model import BIAS, DRIFT, GAIN, Array
 from hil.core.diagnosis.glr.refilter import Replays
@@ -52,7 +52,6 @@ MAX_BACK_STEPS = 100
 MIN_GAIN, SURE_STDS = -0.1, 3.0
 """No pump runs backwards; the estimated gain of one at rest may be a little below zero, at first with a large error."""
 
-PLAIN = -1
 VARIANT_MARGIN = 1.0
 """By how much another variant of a hypothesis must explain the readings better to take its place."""
 

@@ -83,7 +83,7 @@ def may_be_own(config: DetectorConfig, m: Memory) -> bool:
         sizes = [float(m.bank.match[j, slot]) for j in jumps_of(first)]
         return _gives_more(m, first, int(m.bank.onset[slot]), sizes)
     leader = max((n for n in range(BOTH + 1) if not _is_sensor(n)), key=lambda n: float(ratio[n]))
-    if not m.is_wide or ratio[leader] <= 0.0 or float(ratio[leader]) < m.max_ratio - config.tuning.margin:
+    if ratio[leader] <= 0.0 or float(ratio[leader]) < m.max_ratio - config.tuning.margin:
         return False
     is_new = not any(j in m.declared for j in (*jumps_of(leader), *jumps_of(int(np.argmax(ratio)))))
     onset = int(m.bank.onset[m.best.slot[leader]])

@@ -11,11 +11,10 @@ import numpy as np
 
 from hil.core.diagnosis.glr import ambiguity, onsets, unknown
 from hil.core.diagnosis.glr.ambiguity import NO_EVIDENCE
-from hil.core.diagnosis.glr.hypotheses import ALL, BOTH, jumps_of
+from hil.core.diagnosis.glr.hypotheses import ALL, BOTH, PLAIN, jumps_of
 from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
 from hil.core.diagnosis.glr.model import Array
 
-PLAIN = -1
 MIN_RATIO = 2.0
 """Each of the two jumps has at least this log-likelihood ratio, two standard deviations of its size."""
 
