@@ -6,7 +6,7 @@ their results and the state of the loop.
 
 from __future__ import annotations
 
-from math import isfinite
+from math import isfinite, isnan
 from typing import NamedTuple
 
 from hil.core import start_phase
@@ -16,7 +16,7 @@ from hil.core.inflow_watch import NOT_RISEN, InflowWatch, watch_inflow
 from hil.core.interlocks import Belief, Limits
 from hil.core.live_levels import NONE, LiveLevels, live_levels_cm, watch_readings
 from hil.core.loop_state import LoopState
-from hil.core.overshoot import Outlets, watch
+from hil.core.overshoot import Outlets, rebase, watch
 from hil.core.start_phase import Doubts
 from hil.core.types import Diagnosis, Measurement, Pair, Quad
 
@@ -25,7 +25,7 @@ class Monitors(NamedTuple):
     """States of the monitors that the interlocks use.
 
     outlets : by the levels of the loop. live_outlets : by those of the live sensors that are not trusted. filling :
-    from the start phase on. doubts : alarms that are not resolved.
+    from the start phase on. doubts : alarms that are not resolved. effectiveness : (2,) of the pumps at the last step.
     """
 
     outlets: Outlets = Outlets()
@@ -35,6 +35,7 @@ class Monitors(NamedTuple):
     dry: DryWatch = DryWatch()
     filling: FillingWatch = FillingWatch()
     doubts: Doubts = ()
+    effectiveness: Pair = (1.0, 1.0)
 
 
 def step_monitors(
@@ -49,7 +50,11 @@ def step_monitors(
     live_cm = live_levels_cm(model, live, measurement, diagnosis)
     effective_V = _effective(diagnosis, estimate.pump_V)
     flowing_V = _larger(effective_V, diagnosis.flow_V)  # a pump that gives or lags more seemed to be a shut outlet
-    outlets = live_outlets = watch(model, monitors.outlets, estimate.level_cm, flowing_V, now_ns)
+    outlets = monitors.outlets
+    if diagnosis.new_alarms:
+        learned_V = _learned(monitors.effectiveness, diagnosis, estimate.pump_V)
+        outlets = rebase(model, outlets, estimate.level_cm, learned_V)
+    outlets = live_outlets = watch(model, outlets, estimate.level_cm, flowing_V, now_ns)
     if live_cm != NONE:
         levels_cm = _with_live(estimate.level_cm, live_cm)
         live_outlets = watch(model, monitors.live_outlets, levels_cm, effective_V, now_ns)
@@ -84,6 +89,7 @@ def step_monitors(
         dry=dry,
         filling=filling,
         doubts=doubts,
+        effectiveness=diagnosis.effectiveness,
     )
     return monitors, belief
 
@@ -91,6 +97,20 @@ def step_monitors(
 def _effective(diagnosis: Diagnosis, pump_V: Pair) -> Pair:
     (theta1, theta2), (v1, v2) = diagnosis.effectiveness, pump_V
     return theta1 * v1, theta2 * v2
+
+
+def _learned(before: Pair, diagnosis: Diagnosis, pump_V: Pair) -> Pair:
+    """(2,) by how much the drive of a pump is now believed to differ from what it was, where it has done so all along.
+
+    That is what a report of a pump without an onset says: the rig is not as its file.
+    """
+    reports = [alarm for alarm in diagnosis.new_alarms if alarm.kind == "pump_effectiveness" and isnan(alarm.onset_s)]
+    learned = {alarm.target for alarm in reports}
+    first, second = (
+        (now - then) * voltage_V if pump in learned else 0.0
+        for pump, now, then, voltage_V in zip((1, 2), diagnosis.effectiveness, before, pump_V, strict=True)
+    )
+    return first, second
 
 
 def _with_live(level_cm: Quad, live_cm: Quad) -> Quad:
