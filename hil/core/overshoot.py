@@ -97,16 +97,15 @@ def watch(model: TankModel, outlets: Outlets, level_cm: Quad, pump_V: Pair, now_
 def rebase(model: TankModel, outlets: Outlets, level_cm: Quad, change_V: Pair) -> Outlets:
     """The shares as if the pumps' flow had been believed to be another one all along.
 
-    A pump that turns out to give less than its file changes the shares, but no outlet: without this the fall of the share
-    was extrapolated as an outlet that clogs. change_V : (2,) what is now believed of each pump's drive, less what was, V.
+    A pump that turns out to give less than its file changes the shares, but no outlet: without this the fall of the
+    share was extrapolated as an outlet that clogs. change_V : (2,) what is now believed of each pump's drive, less what
+    was, V.
     """
     direct1, direct2 = (g * k * v for g, k, v in zip(model.valve_split, model.pump_gain_cm3_Vs, change_V, strict=True))
     change1 = direct1 / clean_outflow(model, 0, max(level_cm[0], MIN_LEVEL_CM))
     change2 = direct2 / clean_outflow(model, 1, max(level_cm[1], MIN_LEVEL_CM))
     (first, second), (earlier1, earlier2) = outlets.share, outlets.earlier
-    return outlets._replace(
-        share=(first + change1, second + change2), earlier=(earlier1 + change1, earlier2 + change2)
-    )
+    return outlets._replace(share=(first + change1, second + change2), earlier=(earlier1 + change1, earlier2 + change2))
 
 
 def _drain_s(model: TankModel, tank: int, level_cm: float) -> float:

@@ -102,7 +102,7 @@ def ratios(jumps: dict[int, float], readings: int, runs: int) -> npt.NDArray[np.
         filters = [(m.x.copy(), m.P.copy()), (m.x + jump, m.P.copy())]
         total = 0.0
         for number in range(readings):
-            kernels.predict(config.model, truth, entry[:2], READING_S, np.empty((MOVING, N)))
+            kernels.predict(config.model, truth, np.zeros(2), entry[:2], READING_S, np.empty((MOVING, N)))
             noise_V = NOISE_V * random.normal(size=4)
             level_V = config.model.level_gain_V_cm * truth[LEVEL : LEVEL + 4]
             entry[READING : READING + 4] = level_V + truth[BIAS : BIAS + 4] + noise_V

@@ -48,7 +48,7 @@ def derivative(x: npt.NDArray[np.float64], volts: npt.NDArray[np.float64], perio
     for sign in (1.0, -1.0):
         moved = x.copy()
         moved[j] += sign * step
-        predict(FILTER_MODEL, moved, volts, period_s, np.zeros((MOVING, N)))
+        predict(FILTER_MODEL, moved, np.zeros(2), volts, period_s, np.zeros((MOVING, N)))
         ends.append(moved[:MOVING])
     return (ends[0] - ends[1]) / (2.0 * step)
 
@@ -66,7 +66,7 @@ def test_the_transition_matrix_is_the_derivative_of_the_prediction(seed: int) ->
     short_s = 1e-3
     for period_s, rel, at_least in ((short_s, 0.01, 2e-7), (PERIOD_S, 0.0, 2e-3)):
         A = np.zeros((MOVING, N))
-        predict(FILTER_MODEL, x.copy(), volts, period_s, A)
+        predict(FILTER_MODEL, x.copy(), np.zeros(2), volts, period_s, A)
         for j in range(N):
             same = np.eye(MOVING, N)[:, j]
             found = derivative(x, volts, period_s, j) - same
@@ -93,7 +93,7 @@ def test_the_prediction_is_eq_1() -> None:
         return np.concatenate([rate / area, (drive - p) / (0.2 * x[LAG:OUTLET])])
 
     exact = solve_ivp(slope, (0.0, PERIOD_S), x[:6], rtol=1e-10, atol=1e-12).y[:, -1]
-    predict(FILTER_MODEL, x, volts, PERIOD_S, np.zeros((MOVING, N)))
+    predict(FILTER_MODEL, x, np.zeros(2), volts, PERIOD_S, np.zeros((MOVING, N)))
     assert x[:6] == pytest.approx(exact, abs=2e-5)
 
 
@@ -122,7 +122,7 @@ def test_parameters_of_the_rig_are_learned() -> None:
         memory, _ = DETECTOR.step(memory, number * PERIOD_S, plant.period(volts), NO_ESTIMATE, volts)
     inflow = plant.gain * plant.split / np.array(MODEL.pump_gain_cm3_Vs) / np.array(MODEL.valve_split)
     assert memory is not None
-    given = np.array([flow_voltage(memory.x, pump, 3.0)[0] / 3.0 for pump in (0, 1)])
+    given = np.array([flow_voltage(memory.x, pump, 3.0, 0.0)[0] / 3.0 for pump in (0, 1)])
     assert memory.x[SCALE:N] * given * memory.x[SPLIT:LAG] == pytest.approx(inflow, abs=0.006)
     assert memory.x[OUTLET:LEAK] == pytest.approx(plant.outlet / np.array(MODEL.outlet_cm2), abs=0.012)
 

@@ -34,13 +34,13 @@ def test_the_transition_matrix_is_the_derivative_of_the_prediction(seed: int) ->
     random = np.random.default_rng(seed)
     x, volts = a_state(random), random.uniform(0.8, 9.0, 2)  # nearer the dead zone's end the derivative is a mean
     A = np.zeros((MOVING, N))
-    predict(CONFIG.model, x.copy(), volts, 1e-3, A)
+    predict(CONFIG.model, x.copy(), np.zeros(2), volts, 1e-3, A)
     for j in range(N):
         ends = []
         for sign in (1.0, -1.0):
             moved = x.copy()
             moved[j] += sign * 1e-5
-            predict(CONFIG.model, moved, volts, 1e-3, np.zeros((MOVING, N)))
+            predict(CONFIG.model, moved, np.zeros(2), volts, 1e-3, np.zeros((MOVING, N)))
             ends.append(moved[:MOVING])
         same = np.eye(MOVING, N)[:, j]
         assert (ends[0] - ends[1]) / 2e-5 - same == pytest.approx(A[:, j] - same, rel=0.01, abs=2e-7)
@@ -59,7 +59,7 @@ def test_the_prediction_is_that_of_the_tanks_empty_ones_included(
 ) -> None:
     x, level = healthy(level_cm, volts), level_cm
     for _ in range(20):
-        predict(CONFIG.model, x, np.array(volts), 0.001, np.zeros((MOVING, N)))
+        predict(CONFIG.model, x, np.zeros(2), np.array(volts), 0.001, np.zeros((MOVING, N)))
         rates = level_rates(DEEP, level, volts)
         level = quad(max(h + 0.001 * rate, 0.0) for h, rate in zip(level, rates, strict=True))
     assert x[LEVEL : LEVEL + 4] == pytest.approx(level, abs=2e-4)
@@ -71,13 +71,13 @@ def test_what_an_empty_tank_passes_on_is_known_to_the_transition_matrix(leak: fl
     x, volts = healthy((9.0, 8.0, 0.0, 0.0), (1.0, 0.8)), np.array([1.5, 0.5])
     x[LEAK : LEAK + 2] = leak
     A = np.zeros((MOVING, N))
-    predict(CONFIG.model, x.copy(), volts, 1e-3, A)
+    predict(CONFIG.model, x.copy(), np.zeros(2), volts, 1e-3, A)
     for j in [*range(PUMP, OUTLET)]:
         ends = []
         for sign in (1.0, -1.0):
             moved = x.copy()
             moved[j] += sign * 1e-5
-            predict(CONFIG.model, moved, volts, 1e-3, np.zeros((MOVING, N)))
+            predict(CONFIG.model, moved, np.zeros(2), volts, 1e-3, np.zeros((MOVING, N)))
             ends.append(moved[:PUMP])
         assert (ends[0] - ends[1]) / 2e-5 == pytest.approx(A[:PUMP, j], rel=0.01, abs=2e-7)
     assert A[0, 2] == A[1, 3] == A[0, OUTLET + 2] == A[1, OUTLET + 3] == 0.0
@@ -86,13 +86,13 @@ def test_what_an_empty_tank_passes_on_is_known_to_the_transition_matrix(leak: fl
 def test_no_level_is_predicted_over_its_own_rim() -> None:
     x = healthy((19.99, 20.99, 21.99, 22.99), (10.0, 10.0))
     x[OUTLET : OUTLET + 4] = 0.0
-    predict(CONFIG.model, x, np.array([10.0, 10.0]), 1.0, np.zeros((MOVING, N)))
+    predict(CONFIG.model, x, np.zeros(2), np.array([10.0, 10.0]), 1.0, np.zeros((MOVING, N)))
     assert list(x[LEVEL : LEVEL + 4]) == [20.0, 21.0, 22.0, 23.0]
 
 
 def test_each_pump_has_its_own_lag() -> None:
     x = healthy((5.0, 5.0, 5.0, 5.0), (0.0, 0.0))
-    predict(CONFIG.model, x, np.array([4.0, 4.0]), 0.3, np.zeros((MOVING, N)))
+    predict(CONFIG.model, x, np.zeros(2), np.array([4.0, 4.0]), 0.3, np.zeros((MOVING, N)))
     assert x[PUMP : PUMP + 2] == pytest.approx([4.0 * (1.0 - math.exp(-1.0)), 4.0 * (1.0 - math.exp(-0.5))])
 
 

@@ -132,7 +132,9 @@ def entry_of(voltage_V: Pair, variance_V2: float | Sequence[float], step_s: floa
 def expected_step(config: DetectorConfig, m: Memory, entry: Array) -> None:
     """One step of the filter on readings that are just what it expects."""
     expected = m.x.copy()
-    kernels.predict(config.model, expected, entry[VOLTAGE : VOLTAGE + 2], entry[PERIOD], np.empty((MOVING, N)))
+    kernels.predict(
+        config.model, expected, np.zeros(2), entry[VOLTAGE : VOLTAGE + 2], entry[PERIOD], np.empty((MOVING, N))
+    )
     gain = config.model.level_gain_V_cm
     entry[READING : READING + 4] = gain * expected[LEVEL : LEVEL + 4] + expected[BIAS : BIAS + 4]
     kernels.filter_step(config.model, m.x, m.P, entry, m.result)

@@ -24,6 +24,7 @@ from hil.core.diagnosis.glr.model import (
     OUTLET,
     PUMP,
     SPLIT,
+    ZONE,
     Array,
     FilterModel,
     N,
@@ -86,7 +87,8 @@ def filter_step(model: FilterModel, x: Array, P: Array, entry: Array, result: St
     level_before, bias_before = x[LEVEL : LEVEL + 4].copy(), x[BIAS : BIAS + 4].copy()
     for j in range(2):
         P[PUMP + j, PUMP + j] += entry[DOUBT + j] ** 2
-    predict(model, x, entry[VOLTAGE : VOLTAGE + 2], dt, A)
+    zone_std_V = np.array([np.sqrt(max(P[ZONE + j, ZONE + j], 0.0)) for j in range(2)])
+    predict(model, x, zone_std_V, entry[VOLTAGE : VOLTAGE + 2], dt, A)
     AP = _moved_covariance_rows(A, P)
     BP, S = _reading_covariance(model.level_gain_V_cm, dt, weight, A, P, AP)
     _innovate(model, entry, x, level_before, bias_before, S, innovation)

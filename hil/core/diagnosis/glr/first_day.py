@@ -46,6 +46,10 @@ STILL_V = 0.1
 the other parameters: in the ramp of a start phase it went from twice to a twentieth of the file's, with a true one of
 three times, so that the end of the ramp was a fault."""
 
+MIN_ZONE_STD_V, CORNER_V = 0.05, 0.5
+"""Of a pump whose voltage is at most this much above its dead zone, that is known no better: it ends in no corner, and
+whatever else errs by a twentieth of a volt of flow moves it."""
+
 _OF_RIG = np.array([SCALE, SCALE + 1, *range(OUTLET, OUTLET + 4)])
 _RESULT = StepResult.empty()
 
@@ -88,13 +92,15 @@ def filter_step(config: DetectorConfig, x: Array, P: Array, entry: Array, result
         if gaps_V[j] < STILL_V:
             x[LAG + j], P[LAG + j, LAG + j] = lags[j], variances[j]
             result.K[LAG + j] = 0.0
+        if float(entry[VOLTAGE + j] - x[ZONE + j]) < CORNER_V:
+            P[ZONE + j, ZONE + j] = max(float(P[ZONE + j, ZONE + j]), MIN_ZONE_STD_V**2)
     return likelihood
 
 
 def _gap_V(x: Array, P: Array, pump: int, voltage_V: float) -> float:  # noqa: N802 - a unit
     """What a pump may still have to follow at this voltage: the estimate, and one standard deviation of it."""
-    flow_V, by_zone, by_bend = kernels.flow_voltage(x, pump, voltage_V)
     at, zone, bend = PUMP + pump, ZONE + pump, BEND + pump
+    flow_V, by_zone, by_bend = kernels.flow_voltage(x, pump, voltage_V, sqrt(max(float(P[zone, zone]), 0.0)))
     variance = float(
         P[at, at]
         + by_zone * (by_zone * P[zone, zone] + 2.0 * (by_bend * P[zone, bend] - P[zone, at]))

@@ -22,6 +22,7 @@ effect on the biases.
 
 from __future__ import annotations
 
+from math import erf, exp, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -62,8 +63,8 @@ class FilterModel(NamedTuple):
     datum_cm: Array
 
 
-ZONE_WIDTH_V = 0.4
-"""So wide is the range of voltages around the end of the dead zone in which it is not certain whether a pump gives."""
+SHARP_V, NEAR_STDS = 1e-6, 5.0
+"""A dead zone ends in a corner if its end is known so well, or if the voltage is so many standard deviations away."""
 
 
 class MeanPumps(NamedTuple):
@@ -77,14 +78,15 @@ class MeanPumps(NamedTuple):
 
 
 @compiled
-def predict(model: FilterModel, x: Array, voltage_V: Array, dt: float, A: Array) -> None:
+def predict(model: FilterModel, x: Array, zone_std_V: Array, voltage_V: Array, dt: float, A: Array) -> None:
     """Move the state on by one period, and linearise that.
 
-    x : (N,), changed in place. voltage_V : (2,) applied during the period. dt : s. A : (MOVING, N), written.
+    x : (N,), changed in place. zone_std_V : (2,) of the dead zones, see `flow_voltage`. voltage_V : (2,) applied during
+    the period. dt : s. A : (MOVING, N), written.
     """
     A[:, :] = 0.0
     mean = MeanPumps(np.empty(2), np.empty(2), np.empty(2), np.empty(2), np.empty(2))
-    _predict_pumps(model, x, voltage_V, dt, A, mean)
+    _predict_pumps(model, x, zone_std_V, voltage_V, dt, A, mean)
     outflow, slope = np.empty(4), np.empty(4)
     for i in range(4):
         h = max(x[LEVEL + i], 0.0) + model.datum_cm[i]
@@ -108,13 +110,15 @@ def predict(model: FilterModel, x: Array, voltage_V: Array, dt: float, A: Array)
 
 
 @compiled
-def _predict_pumps(model: FilterModel, x: Array, voltage_V: Array, dt: float, A: Array, mean: MeanPumps) -> None:
+def _predict_pumps(
+    model: FilterModel, x: Array, zone_std_V: Array, voltage_V: Array, dt: float, A: Array, mean: MeanPumps
+) -> None:
     """The pump lag, exact over the period; writes the arrays of `mean`."""
     for j in range(2):
         tau = model.lag_s[j] * x[LAG + j]
         decay = np.exp(-dt / tau)
         share = (1.0 - decay) * tau / dt
-        flow_V, by_zone, by_bend = flow_voltage(x, j, voltage_V[j])
+        flow_V, by_zone, by_bend = flow_voltage(x, j, voltage_V[j], zone_std_V[j])
         gap = x[PUMP + j] - flow_V
         mean.voltage_V[j] = flow_V + gap * share
         mean.by_p[j] = share
@@ -127,14 +131,23 @@ def _predict_pumps(model: FilterModel, x: Array, voltage_V: Array, dt: float, A:
 
 
 @compiled
-def flow_voltage(x: Array, pump: int, voltage_V: float) -> tuple[float, float, float]:
+def flow_voltage(x: Array, pump: int, voltage_V: float, zone_std_V: float) -> tuple[float, float, float]:
     """The voltage of a straight pump without dead zone that gives as much, V; its derivatives by z and by c.
 
-    x : (N,) state. pump : 0 or 1. voltage_V : what is applied for long.
+    x : (N,) state. pump : 0 or 1. voltage_V : what is applied for long. zone_std_V : standard deviation of the dead
+    zone. While that may end on either side of the voltage, the mean of what is above it counts, and the derivative of
+    this mean (statistical linearisation): a pump that gives nothing says that its dead zone is longer, and not how long.
     """
+    if voltage_V <= 0.0:
+        return 0.0, 0.0, 0.0
     over = voltage_V - x[ZONE + pump]
-    gives = min(max(over / ZONE_WIDTH_V + 0.5, 0.0), 1.0) if voltage_V > 0.0 else 0.0
-    over = max(over, 0.0) if voltage_V > 0.0 else 0.0
+    at = over / max(zone_std_V, SHARP_V)
+    if abs(at) < NEAR_STDS:
+        gives = 0.5 * (1.0 + erf(at / sqrt(2.0)))
+        over = over * gives + zone_std_V * exp(-0.5 * at * at) / sqrt(2.0 * pi)
+    else:
+        gives = 1.0 if over > 0.0 else 0.0
+        over = max(over, 0.0)
     bend = x[BEND + pump]
     return over * (1.0 + bend * over), -gives * (1.0 + 2.0 * bend * over), over * over
 

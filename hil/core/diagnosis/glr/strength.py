@@ -132,14 +132,14 @@ def _is_clear(m: Memory, pump: int) -> bool:
 def _share(m: Memory, pump: int) -> float:
     """What a pump gives at its present voltage, over what its file says."""
     voltage_V = max(float(m.entry[VOLTAGE + pump]), MIN_VOLTAGE_V)
-    flow_V, _, _ = kernels.flow_voltage(m.x, pump, voltage_V)
+    flow_V, _, _ = kernels.flow_voltage(m.x, pump, voltage_V, 0.0)
     return float(m.x[SCALE + pump]) * flow_V / voltage_V
 
 
 def _std(m: Memory, pump: int) -> float:
     """Standard deviation of `_share`."""
     voltage_V = max(float(m.entry[VOLTAGE + pump]), MIN_VOLTAGE_V)
-    flow_V, by_zone, by_bend = kernels.flow_voltage(m.x, pump, voltage_V)
+    flow_V, by_zone, by_bend = kernels.flow_voltage(m.x, pump, voltage_V, 0.0)
     scale = float(m.x[SCALE + pump])
     states = [SCALE + pump, ZONE + pump, BEND + pump]
     slope = np.array([flow_V, scale * by_zone, scale * by_bend]) / voltage_V

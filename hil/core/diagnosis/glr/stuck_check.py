@@ -41,7 +41,7 @@ def begin(config: DetectorConfig, m: Memory, pump: int, number: int, detected_s:
         return
     x = m.x.copy()
     voltage_V = max(float(m.entry[VOLTAGE + pump]), MIN_VOLTAGE_V)
-    flow_V = max(kernels.flow_voltage(x, pump, voltage_V)[0], MIN_VOLTAGE_V)
+    flow_V = max(kernels.flow_voltage(x, pump, voltage_V, 0.0)[0], MIN_VOLTAGE_V)
     x[GAIN + pump] *= float(x[PUMP + pump]) / flow_V
     x[PUMP + pump] = flow_V
     growing_x, growing_P = _growing(m)
