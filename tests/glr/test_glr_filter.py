@@ -3,6 +3,7 @@ import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import norm
 
 from hil.core.diagnosis.glr.filter import _limit
 from hil.core.diagnosis.glr.model import (
@@ -51,6 +52,23 @@ def derivative(x: npt.NDArray[np.float64], volts: npt.NDArray[np.float64], perio
         predict(FILTER_MODEL, moved, np.zeros(2), volts, period_s, np.zeros((MOVING, N)))
         ends.append(moved[:MOVING])
     return (ends[0] - ends[1]) / (2.0 * step)
+
+
+@pytest.mark.parametrize("voltage_V", [0.05, 0.2, 0.29, 0.35, 0.6, 1.2, 3.0])
+@pytest.mark.parametrize("std_V", [0.0, 0.05, 0.2])
+def test_what_a_pump_gives_near_the_end_of_its_dead_zone_is_the_mean_over_where_that_may_be(
+    voltage_V: float, std_V: float
+) -> None:
+    """With a corner, or a fixed width, a pump that gave nothing proved a dead zone that ended just there."""
+    x = np.zeros(N)
+    x[ZONE], x[SCALE] = 0.3, 1.0
+    zones_V = 0.3 + std_V * norm.ppf((np.arange(20_000) + 0.5) / 20_000)
+    over_V = np.maximum(voltage_V - zones_V, 0.0)
+    given_V, by_zone, by_bend = flow_voltage(x, 0, voltage_V, std_V)
+    assert given_V == pytest.approx(over_V.mean(), abs=1e-5)
+    assert by_bend == pytest.approx(over_V.mean() ** 2, abs=1e-5)
+    assert by_zone == pytest.approx(-(voltage_V > zones_V).mean(), abs=1e-3)
+    assert flow_voltage(x, 0, 0.0, std_V) == (0.0, 0.0, 0.0)
 
 
 @given(st.integers(0, 10_000))

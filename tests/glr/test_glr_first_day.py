@@ -58,6 +58,19 @@ def test_a_step_of_the_voltages_counts_for_some_seconds(step: int, *, is_wide: b
     assert first_day.explains(CONFIG, m, 290, 20.0) is is_own
 
 
+@pytest.mark.parametrize(("voltage_V", "std_V"), [(0.1, 0.05), (0.3, 0.05), (0.7, 0.02), (3.0, 0.02)])
+def test_the_dead_zone_of_a_pump_near_its_end_is_never_known_for_certain(voltage_V: float, std_V: float) -> None:
+    """One of 0.41 V was known as 0.12 V, to 0.03 V: then a lag of 0.5 s. Above, a drift would hide in it."""
+    m = a_memory(0.0, 0.0)
+    m.x[ZONE] = 0.15
+    m.P[ZONE, ZONE] = 0.02**2
+    m.entry[:] = 0.0
+    m.entry[VOLTAGE], m.entry[PERIOD], m.entry[WEIGHT] = voltage_V, 0.1, 1.0
+    m.entry[READING : READING + 4], m.entry[VARIANCE : VARIANCE + 4] = np.nan, 1.0
+    first_day.filter_step(CONFIG, m.x, m.P, m.entry, StepResult.empty())
+    assert np.sqrt(m.P[ZONE, ZONE]) == pytest.approx(std_V, rel=0.01)
+
+
 def test_a_part_of_what_was_learned_is_forgotten_and_the_prior_is_kept() -> None:
     prior = np.zeros(N)
     prior[SCALE] = 0.2

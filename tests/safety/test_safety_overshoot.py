@@ -10,9 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from hil.core.overshoot import MIN_SHARE, Outlets, drained_peak, peak_levels, watch
+from hil.core import monitors
+from hil.core.overshoot import MIN_SHARE, Outlets, drained_peak, peak_levels, rebase, watch
 from hil.core.tanks import TankModel, equilibrium, level_rates
-from hil.core.types import Pair, Quad
+from hil.core.types import Alarm, Diagnosis, Pair, Quad
 from tests.safety.safety_bench import BENCH
 
 SECOND = 1_000_000_000
@@ -161,6 +162,37 @@ def test_an_outlet_that_clogs_goes_on_clogging_after_a_trip(tank: int, drain_s: 
     assert seen.drain_s[tank] == pytest.approx(drain_s, abs=0.1)
     assert seen.open_share[tank] == pytest.approx(open_now - 0.01 * drain_s, abs=0.06)
     assert seen.open_share[1 - tank] > 0.98
+
+
+def test_a_pump_that_turns_out_to_be_weak_is_no_outlet_that_clogs() -> None:
+    """0.6 of its gain: its share fell to 1 in some seconds, which was extrapolated to a trip below 16 cm."""
+    weak_V = (0.6 * 3.0, 3.0)
+    at = equilibrium(BENCH, weak_V)
+    seen = Outlets()
+    for number in range(600):
+        seen = watch(BENCH, seen, at, (3.0, 3.0), (number + 1) * DT_NS)
+    assert seen.share[0] > 1.3
+    plain, rebased = seen, rebase(BENCH, seen, at, (weak_V[0] - 3.0, 0.0))
+    lowest, lowest_rebased = 1.0, 1.0
+    for number in range(600, 700):
+        plain = watch(BENCH, plain, at, weak_V, (number + 1) * DT_NS)
+        rebased = watch(BENCH, rebased, at, weak_V, (number + 1) * DT_NS)
+        lowest, lowest_rebased = min(lowest, plain.open_share[0]), min(lowest_rebased, rebased.open_share[0])
+    assert lowest < 0.6
+    assert lowest_rebased == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("kind", "onset_s", "learned_V"),
+    [("pump_effectiveness", math.nan, -1.2), ("pump_effectiveness", 3.0, 0.0), ("valve_split", math.nan, 0.0)],
+)
+def test_only_a_pump_that_always_was_so_moves_what_was_seen_of_the_outlets(
+    kind: str, onset_s: float, learned_V: float
+) -> None:
+    """A fault with an onset has not been so before."""
+    alarm = Alarm(9.0, kind, 1, 0.6, onset_s=onset_s)
+    diagnosis = Diagnosis(effectiveness=(0.6, 0.9), new_alarms=(alarm,))
+    assert monitors._learned((1.0, 1.0), diagnosis, (3.0, 3.0)) == pytest.approx((learned_V, 0.0))
 
 
 def test_the_first_look_and_a_look_at_the_same_time_say_nothing() -> None:

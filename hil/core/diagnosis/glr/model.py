@@ -136,7 +136,7 @@ def flow_voltage(x: Array, pump: int, voltage_V: float, zone_std_V: float) -> tu
 
     x : (N,) state. pump : 0 or 1. voltage_V : what is applied for long. zone_std_V : standard deviation of the dead
     zone. While that may end on either side of the voltage, the mean of what is above it counts, and the derivative of
-    this mean (statistical linearisation): a pump that gives nothing says that its dead zone is longer, and not how long.
+    this mean (statistical linearisation): a pump that gives nothing says that its dead zone is longer, not how long.
     """
     if voltage_V <= 0.0:
         return 0.0, 0.0, 0.0
