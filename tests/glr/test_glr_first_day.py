@@ -52,7 +52,7 @@ def test_a_rig_that_is_proven_to_be_another_one_needs_less_of_an_explanation(
 @pytest.mark.parametrize(("step", "is_wide", "is_own"), [(245, True, True), (235, True, False), (275, False, False)])
 def test_a_step_of_the_voltages_counts_for_some_seconds(step: int, *, is_wide: bool, is_own: bool) -> None:
     """Four seconds after a step down, with both pumps at rest and the levels falling, a question was asked."""
-    m = a_memory(20.0, 0.0)
+    m = a_memory(14.0, 0.0)
     m.is_wide = is_wide
     m.history.entries[:step, VOLTAGE] = 4.0
     assert first_day.explains(CONFIG, m, 290, 20.0) is is_own
@@ -69,6 +69,20 @@ def test_the_dead_zone_of_a_pump_near_its_end_is_never_known_for_certain(voltage
     m.entry[READING : READING + 4], m.entry[VARIANCE : VARIANCE + 4] = np.nan, 1.0
     first_day.filter_step(CONFIG, m.x, m.P, m.entry, StepResult.empty())
     assert np.sqrt(m.P[ZONE, ZONE]) == pytest.approx(std_V, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("lead", "step", "t_s", "is_own"),
+    [(15.5, 245, 30.0, True), (14.5, 245, 30.0, False), (15.5, 235, 30.0, False), (15.5, 245, 301.0, False)],
+)
+def test_at_first_a_lag_that_the_file_does_not_have_may_show_for_some_seconds(
+    lead: float, step: int, t_s: float, *, is_own: bool
+) -> None:
+    """Three times the file's lag: a pump was asked about 3 s after a step to 0 V, although all was expected."""
+    m = a_memory(lead, 0.0)
+    m.t_s = t_s
+    m.history.entries[:step, VOLTAGE] = 4.0
+    assert first_day.explains(CONFIG, m, 290, 20.0) is is_own
 
 
 def test_a_part_of_what_was_learned_is_forgotten_and_the_prior_is_kept() -> None:

@@ -28,6 +28,10 @@ from hil.core.diagnosis.glr.refilter import RING
 WIDE_SHARE = 0.5
 """It is enough that the wide filter has this share of the likeliest fault's evidence: it explains what follows, too."""
 
+LATER_SHARE = 0.75
+"""The same for what begins some seconds after a step, in the time in which a rig shows what it is: a pump with three
+times the file's lag gives water for as long."""
+
 PROVEN_SHARE = 0.35
 """The same on a rig that is proven not to be as its file says. At the alarm, errors of its model had shares of 0.3 to
 0.5, faults of 0.2 at most."""
@@ -203,12 +207,15 @@ def explains(config: DetectorConfig, m: Memory, onset: int, ratio: float) -> boo
     if wide is None:
         return False
     is_early = m.t_s - m.begun_s < config.tuning.first_learning_s
+    has_moved = is_early or own_verdict.moved_by(m, onset) >= own_verdict.MOVED_V
     lead = wide.lead[m.now % RING] - wide.lead[max(onset, wide.began, m.now - RING + 1) % RING]
     share = PROVEN_SHARE if m.is_wide else WIDE_SHARE
-    if lead < share * ratio or not (is_early or own_verdict.moved_by(m, onset) >= own_verdict.MOVED_V):
-        return False
-    become_main(m, wide)
-    return True
+    is_own = lead >= share * ratio and has_moved
+    if not is_own and lead >= LATER_SHARE * ratio and m.t_s - m.begun_s <= REFUTE_S:
+        is_own = own_verdict.moved_by(m, onset, own_verdict.BEFORE_PROVEN_S) >= own_verdict.MOVED_V
+    if is_own:
+        become_main(m, wide)
+    return is_own
 
 
 def _begin(config: DetectorConfig, m: Memory) -> Wide:

@@ -257,9 +257,9 @@ def is_from_begin(m: Memory, onset: int) -> bool:
     return m.time_of(onset) - m.begun_s <= BEGIN_S
 
 
-def moved_by(m: Memory, onset: int) -> float:
-    """By how many volts a pump's voltage has moved since a little before a step."""
-    before = _steps_of(m, BEFORE_PROVEN_S if m.is_wide else BEFORE_S)
+def moved_by(m: Memory, onset: int, before_s: float | None = None) -> float:
+    """By how many volts a pump's voltage has moved since a little before a step: since before_s, if given."""
+    before = _steps_of(m, before_s or (BEFORE_PROVEN_S if m.is_wide else BEFORE_S))
     steps = np.arange(max(onset - before, m.now - RING + 1, 1), m.now + 1) % RING
     return float(np.max(np.ptp(m.history.entries[steps, VOLTAGE : VOLTAGE + 2], axis=0)))
 
