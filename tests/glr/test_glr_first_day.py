@@ -525,37 +525,21 @@ def test_a_dead_zone_that_is_hardly_known_leaves_nothing_to_follow() -> None:
 
 
 @pytest.mark.parametrize(
-    ("gain", "voltage_V", "is_wide", "is_more"),
-    [(1.15, 3.6, False, True), (1.15, 3.4, False, False), (0.85, 3.6, False, False), (1.15, 3.6, True, False)],
+    ("ratio", "moved_V", "is_wide", "is_above"),
+    [
+        (19.9, 0.0, True, False),
+        (20.1, 0.0, True, True),
+        (20.1, 0.6, False, True),
+        (29.9, 0.6, True, False),
+        (30.1, 0.6, True, True),
+    ],
 )
-def test_no_fault_lets_a_pump_give_more_as_its_voltage_rises(
-    gain: float, voltage_V: float, *, is_wide: bool, is_more: bool
+def test_what_begins_after_a_movement_of_an_unknown_rig_must_show_more(
+    ratio: float, moved_V: float, *, is_wide: bool, is_above: bool
 ) -> None:
-    """A dead zone of 0.49 V was a pump with 1.16 of its gain; it was not learned, and wrong names came."""
-    m = a_verdict(GAIN, gain, moved_V=0.0, is_wide=is_wide)
-    m.history.entries[291:301, VOLTAGE] = voltage_V
-    assert own_verdict.gives_more(m, number_of(GAIN)) is is_more
-    m.declared[number_of(OUTLET)] = Declared("outlet_block", 0.3, 1.0, 1, 20.0, 20.0)
-    assert not own_verdict.gives_more(m, number_of(GAIN)), "what follows a fault is reported"
-
-
-def test_a_pump_that_gives_more_as_its_voltage_rises_proves_the_rig_to_be_another_one() -> None:
-    m = a_verdict(GAIN, 1.15, moved_V=0.0)
-    number = number_of(GAIN)
-    m.history.entries[291:301, VOLTAGE] = 3.6
-    assert m.wide is not None
-    wide_x = m.wide.x.copy()
-    assert isolation._settle(CONFIG, m, Suspicion(number=None, detected_s=29.8), number, [number]) == []
-    assert m.is_wide
-    assert not m.declared
-    assert m.x == pytest.approx(wide_x)
-
-
-@pytest.mark.parametrize(("jump", "is_quiet"), [(0.2, True), (-0.2, False)])
-def test_such_a_pump_raises_no_alarm_before_its_verdict(jump: float, *, is_quiet: bool) -> None:
-    m = a_memory(0.0, 0.0)
-    number = number_of(GAIN)
-    m.history.entries[291:301, VOLTAGE] = 3.6
-    m.best.slot[:], m.best.ratio[:], m.bank.onset[0] = 0, 0.0, 290
-    m.best.ratio[number], m.max_ratio, m.bank.match[number, 0] = 25.0, 25.0, jump
-    assert own_verdict.may_be_own(CONFIG, m) is is_quiet
+    """Four questions on 130 rigs were asked at 20 to 22, some seconds after a large step, and withdrawn."""
+    m = a_memory(0.0, moved_V)
+    m.is_wide = is_wide
+    m.best.ratio[:], m.best.slot[:], m.bank.onset[0] = 0.0, 0, 297
+    m.best.ratio[number_of(OUTLET)] = m.max_ratio = ratio
+    assert own_verdict.is_above_limit(CONFIG, m) is is_above

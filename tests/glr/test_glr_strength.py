@@ -6,7 +6,7 @@ import pytest
 
 from hil.core.diagnosis.glr import declaration, strength
 from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE
-from hil.core.diagnosis.glr.memory import Memory, Suspicion
+from hil.core.diagnosis.glr.memory import Memory, Suspicion, Wide
 from hil.core.diagnosis.glr.model import PUMP, SCALE, ZONE
 from hil.core.types import Alarm, Measurement
 from tests.glr.glr_bench import DETECTOR
@@ -42,6 +42,19 @@ def test_what_is_small_or_hardly_known_is_not(share: float, std: float) -> None:
     m = a_memory(share, std)
     assert alarms_of(m, 60.0) == []
     assert declaration.effectiveness(m) == (1.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("wide_share", "wide_std", "is_wide", "is_told"),
+    [(0.81, 0.03, False, True), (0.74, 0.03, False, False), (0.81, 0.05, False, False), (0.74, 0.05, True, True)],
+)
+def test_where_the_file_is_believed_the_filter_of_another_rig_has_to_agree(
+    wide_share: float, wide_std: float, *, is_wide: bool, is_told: bool
+) -> None:
+    """0.89 was reported on the ramp of a start phase, and was 0.78: the outlets were not as in the file, either."""
+    m, other = a_memory(0.8, 0.01), a_memory(wide_share, wide_std)
+    m.is_wide, m.wide = is_wide, Wide(x=other.x, P=other.P, began=0)
+    assert bool(alarms_of(m, 15.0)) is is_told
 
 
 def test_nothing_is_reported_while_an_alarm_is_open_or_a_pump_stands_still() -> None:

@@ -107,7 +107,7 @@ class GlrDetector:
         alarms += unknown.step(config, m)
         if m.lost and m.unknown is None:
             alarms += sensor_monitor.readmit(config, m, measurement)
-        is_found = m.suspicion is None and m.unknown is None and m.max_ratio >= config.tuning.detect
+        is_found = m.suspicion is None and m.unknown is None and own_verdict.is_above_limit(config, m)
         if is_found and t_s - m.begun_s >= config.tuning.settle_s and not first_day.explains_alarm(config, m):
             isolation.suspect(config, m)
         ambiguity.watch_movement(m)

@@ -166,7 +166,6 @@ def _speak(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> None:
         may_be_own = near is not None or own_verdict.is_nothing_near(config, m, suspicion.leader)
     else:
         may_be_own = _own_instead(config, m, suspicion.leader, open_s) is not None
-    may_be_own = may_be_own or (open_s < QUIET_S and own_verdict.gives_more(m, suspicion.leader))
     if may_be_own and not (is_start and open_s >= START_QUIET_S):
         return
     m.alarms += 1
@@ -333,13 +332,10 @@ def _settle(config: DetectorConfig, m: Memory, suspicion: Suspicion, winner: int
 
 def _is_of_rig(config: DetectorConfig, m: Memory, winner: int) -> bool:
     """Whether a verdict cannot be a fault, so that it teaches what the rig is; it has been learned then."""
-    if own_verdict.shows_nothing(m, winner):
-        first_day.learn_zone(config, m, winner)
-        m.restart_bank()
-    elif m.wide is not None and own_verdict.gives_more(m, winner):
-        first_day.become_main(m, m.wide)
-    else:
+    if not own_verdict.shows_nothing(m, winner):
         return False
+    first_day.learn_zone(config, m, winner)
+    m.restart_bank()
     m.suspicion = None
     return True
 

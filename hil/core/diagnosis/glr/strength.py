@@ -14,7 +14,7 @@ from hil.core.diagnosis.glr import kernels
 from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE
 from hil.core.diagnosis.glr.hypotheses import PUMPS
 from hil.core.diagnosis.glr.memory import Memory, Strength
-from hil.core.diagnosis.glr.model import BEND, GAIN, PUMP, SCALE, ZONE
+from hil.core.diagnosis.glr.model import BEND, GAIN, PUMP, SCALE, ZONE, Array
 from hil.core.types import Alarm, Pair
 
 MIN_DIFFERENCE, CHANGE = 0.1, 0.05
@@ -23,6 +23,9 @@ MIN_DIFFERENCE, CHANGE = 0.1, 0.05
 MAX_STD, SURE_STDS = 0.02, 4.0
 HOLD_S = 10.0
 """So well must it be known, and for so long."""
+
+MAX_WIDE_STD = 0.04
+"""And so well by the filter that leaves room for another rig, where the file is still believed."""
 
 MIN_VOLTAGE_V = 1.0
 """At a smaller voltage the dead zone decides."""
@@ -126,21 +129,42 @@ def _is_clear(m: Memory, pump: int) -> bool:
     if difference < (CHANGE if told else MIN_DIFFERENCE):
         return False
     std = _std(m, pump)
-    return std <= MAX_STD and difference >= SURE_STDS * std
+    return std <= MAX_STD and difference >= SURE_STDS * std and _is_agreed(m, pump)
+
+
+def _is_agreed(m: Memory, pump: int) -> bool:
+    """Whether the filter that leaves room for other outlets and curves says the same, and knows it.
+
+    On the ramp of a start phase the other one, which believes the file's outlets, gave 0.89 for a pump with 0.78.
+    """
+    if m.is_wide or m.wide is None:
+        return True
+    difference = abs(_share_of(m.wide.x, m, pump) - _share(m, pump))
+    return difference < CHANGE and _std_of(m.wide.x, m.wide.P, m, pump) <= MAX_WIDE_STD
 
 
 def _share(m: Memory, pump: int) -> float:
     """What a pump gives at its present voltage, over what its file says."""
+    return _share_of(m.x, m, pump)
+
+
+def _share_of(x: Array, m: Memory, pump: int) -> float:
+    """The same by the state of a filter."""
     voltage_V = max(float(m.entry[VOLTAGE + pump]), MIN_VOLTAGE_V)
-    flow_V, _, _ = kernels.flow_voltage(m.x, pump, voltage_V, 0.0)
-    return float(m.x[SCALE + pump]) * flow_V / voltage_V
+    flow_V, _, _ = kernels.flow_voltage(x, pump, voltage_V, 0.0)
+    return float(x[SCALE + pump]) * flow_V / voltage_V
 
 
 def _std(m: Memory, pump: int) -> float:
     """Standard deviation of `_share`."""
+    return _std_of(m.x, m.P, m, pump)
+
+
+def _std_of(x: Array, P: Array, m: Memory, pump: int) -> float:
+    """The same by the state of a filter."""
     voltage_V = max(float(m.entry[VOLTAGE + pump]), MIN_VOLTAGE_V)
-    flow_V, by_zone, by_bend = kernels.flow_voltage(m.x, pump, voltage_V, 0.0)
-    scale = float(m.x[SCALE + pump])
+    flow_V, by_zone, by_bend = kernels.flow_voltage(x, pump, voltage_V, 0.0)
+    scale = float(x[SCALE + pump])
     states = [SCALE + pump, ZONE + pump, BEND + pump]
     slope = np.array([flow_V, scale * by_zone, scale * by_bend]) / voltage_V
-    return sqrt(max(float(slope @ m.P[np.ix_(states, states)] @ slope), 0.0))
+    return sqrt(max(float(slope @ P[np.ix_(states, states)] @ slope), 0.0))
