@@ -59,7 +59,7 @@ def test_a_step_of_the_voltages_counts_for_some_seconds(step: int, *, is_wide: b
 
 
 @pytest.mark.parametrize(("voltage_V", "std_V"), [(0.1, 0.05), (0.3, 0.05), (0.7, 0.02), (3.0, 0.02)])
-def test_the_dead_zone_of_a_pump_near_its_end_is_never_known_for_certain(voltage_V: float, std_V: float) -> None:
+def test_the_dead_zone_of_a_pump_near_its_end_is_never_known_exactly(voltage_V: float, std_V: float) -> None:
     """One of 0.41 V was known as 0.12 V, to 0.03 V: then a lag of 0.5 s. Above, a drift would hide in it."""
     m = a_memory(0.0, 0.0)
     m.x[ZONE] = 0.15
@@ -537,7 +537,7 @@ def test_a_dead_zone_that_is_hardly_known_leaves_nothing_to_follow() -> None:
 def test_what_begins_after_a_movement_of_an_unknown_rig_must_show_more(
     ratio: float, moved_V: float, *, is_wide: bool, is_above: bool
 ) -> None:
-    """Four questions on 130 rigs were asked at 20 to 22, some seconds after a large step, and withdrawn."""
+    """Two questions on 30 rigs were asked at 20 to 22, some seconds after a large step, and withdrawn."""
     m = a_memory(0.0, moved_V)
     m.is_wide = is_wide
     m.best.ratio[:], m.best.slot[:], m.bank.onset[0] = 0.0, 0, 297
