@@ -14,7 +14,7 @@ Why: `docs/decisions/0028-model-error.md`.
 
 from __future__ import annotations
 
-from math import inf, sqrt
+from math import exp, inf, sqrt
 
 import numpy as np
 
@@ -88,7 +88,12 @@ def step(config: DetectorConfig, m: Memory, log_likelihood: float) -> None:
 
 
 def filter_step(config: DetectorConfig, x: Array, P: Array, entry: Array, result: StepResult) -> float:
-    """One step of a wide filter, in place; the log-likelihood of the readings. A lag that does not show stays."""
+    """One step of a wide filter, in place; the log-likelihood of the readings.
+
+    A lag that does not show stays. One that is found shorter becomes so by its logarithm: with its large standard
+    deviation the linear step went to nothing in the first tenths of a second, and with such a lag there is nothing left
+    to learn from.
+    """
     lags, variances = x[LAG : LAG + 2].tolist(), P.diagonal()[LAG : LAG + 2].tolist()
     gaps_V = [_gap_V(x, P, j, float(entry[VOLTAGE + j])) for j in range(2)]
     likelihood: float = kernels.filter_step(config.model, x, P, entry, result)
@@ -96,6 +101,8 @@ def filter_step(config: DetectorConfig, x: Array, P: Array, entry: Array, result
         if gaps_V[j] < STILL_V:
             x[LAG + j], P[LAG + j, LAG + j] = lags[j], variances[j]
             result.K[LAG + j] = 0.0
+        elif x[LAG + j] < lags[j]:
+            x[LAG + j] = lags[j] * exp(x[LAG + j] / lags[j] - 1.0)
         if float(entry[VOLTAGE + j] - x[ZONE + j]) < CORNER_V:
             P[ZONE + j, ZONE + j] = max(float(P[ZONE + j, ZONE + j]), MIN_ZONE_STD_V**2)
     return likelihood
