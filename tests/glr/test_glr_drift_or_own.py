@@ -38,6 +38,24 @@ def test_nor_is_one_that_is_too_small_to_be_declared(drift: float, *, is_learned
     assert isolation._may_learn(CONFIG, m, number_of(OUTLET)) is is_learned
 
 
+@pytest.mark.parametrize(("least", "is_over"), [(19.9, True), (20.1, False)])
+def test_what_has_died_away_when_the_time_is_over_has_no_name(least: float, *, is_over: bool) -> None:
+    m = near_each_other((OUTLET, -0.05, 11.0), (DRIFT, 0.002, least))
+    assert isolation._has_died_away(CONFIG, m) is is_over
+    m.is_doubtful = True
+    assert not isolation._has_died_away(CONFIG, m)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [69001, 69002, 69044])
+def test_drawn_rigs_that_once_had_a_question_or_wrong_names_have_none(seed: int) -> None:
+    """After steps: a drift of 1 mV/s, a bias of 8 mV, and a leak of 3 % with which the learning ended, up to a trip."""
+    options = campaign_run.CampaignOptions(seeds=1, first_seed=seed, duration_s=300.0)
+    case = campaign_run.prepare(CONFIG_DIR / "campaigns" / "drawn_rigs.toml", options).cases[0]
+    row = campaign_case.run_case(case, CONFIG_DIR)
+    assert (row.false_alarms, row.questions, row.unknowns, row.trip_cause) == (0, 0, 0, "")
+
+
 def test_a_slow_drift_on_a_drawn_rig_has_its_name() -> None:
     """Without the rule nothing was said: it was learned as an outlet, again and again."""
     options = campaign_run.CampaignOptions(seeds=1, first_seed=65312, duration_s=290.0)

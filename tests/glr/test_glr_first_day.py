@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hil.core.diagnosis.glr import declaration, first_day, isolation, own_verdict
+from hil.core.diagnosis.glr import declaration, first_day, isolation, kernels, own_verdict
 from hil.core.diagnosis.glr.filter import PERIOD, READING, VARIANCE, VOLTAGE, WEIGHT, StepResult
 from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, jumps_of
 from hil.core.diagnosis.glr.memory import Declared, Lost, Memory, Suspicion, Wide
@@ -69,6 +69,23 @@ def test_the_dead_zone_of_a_pump_near_its_end_is_never_known_exactly(voltage_V: 
     m.entry[READING : READING + 4], m.entry[VARIANCE : VARIANCE + 4] = np.nan, 1.0
     first_day.filter_step(CONFIG, m.x, m.P, m.entry, StepResult.empty())
     assert np.sqrt(m.P[ZONE, ZONE]) == pytest.approx(std_V, rel=0.01)
+
+
+@pytest.mark.parametrize(("kalman", "lag"), [(1.0, 1.3), (-1.0, np.exp(-0.3)), (-5.0, np.exp(-1.5))])
+def test_a_lag_can_be_learned_to_be_short_and_never_to_be_nothing(
+    kalman: float, lag: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of 0.18 s, 0.02 s were left after the first tenths of a second of a step: then nothing is left to follow."""
+    m = a_memory(0.0, 0.0)
+    m.x[PUMP], m.entry[VOLTAGE] = 1.0, 3.0
+
+    def corrected(_model: object, x: np.ndarray, *_: object) -> float:
+        x[LAG] += 0.3 * kalman
+        return 0.0
+
+    monkeypatch.setattr(kernels, "filter_step", corrected)
+    first_day.filter_step(CONFIG, m.x, m.P, m.entry, StepResult.empty())
+    assert m.x[LAG] == pytest.approx(lag)
 
 
 @pytest.mark.parametrize(
