@@ -186,6 +186,7 @@ def test_what_the_scenario_would_refuse_is_refused_before_any_run(
 
 
 CLASSES = {"false_alarms": 1, "false_alarms_lag": 1, "false_alarms_noise": 1, "false_alarms_spread": 1}
+CLASSES |= {"false_alarms_turbulence": 1}
 CLASSES |= {"growing": 64, "growing_slow": 48, "leaks": 8, "pairs": 200, "pump_losses": 11, "sensors": 28}
 CLASSES |= {
     "shipped_rigs": 18,

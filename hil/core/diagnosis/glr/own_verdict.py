@@ -47,7 +47,7 @@ declared in the first `REPORT_S`, in which a rig shows what its pumps give at ea
 ends it: while one grows, learning took its growth for the rig's own."""
 
 
-DOUBT = 1.5
+MOVED_FACTOR = 1.5
 """On a rig that is proven not to be as its file says, the limit of the test is so many times as high for what begins
 after a movement: what its model still errs by shows then. Questions that were asked for nothing were at 20 to 22, and
 died away."""
@@ -78,7 +78,7 @@ def is_own(config: DetectorConfig, m: Memory, winner: int) -> bool:
 def is_above_limit(config: DetectorConfig, m: Memory) -> bool:
     """Whether the greatest ratio of the bank raises an alarm, or a suspicion."""
     detect = config.tuning.detect
-    if m.max_ratio < detect or m.max_ratio >= DOUBT * detect or not m.is_wide:
+    if m.max_ratio < detect or m.max_ratio >= MOVED_FACTOR * detect or not m.is_wide:
         return m.max_ratio >= detect
     onset = int(m.bank.onset[m.best.slot[int(np.argmax(m.best.ratio))]])
     return moved_by(m, onset) < MOVED_V
