@@ -122,6 +122,7 @@ def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Ala
         return [] if suspicion.number is None else [declaration.withdrawn(m, suspicion.number, ())]
     is_possible = evidence[order[0]] > NO_EVIDENCE
     is_overtaken = is_possible and _is_overtaken(config, m, order[0]) and not m.is_doubtful
+    is_overtaken = is_overtaken and not ambiguity.is_led_by_small(m, order[0])  # it explains what overtook the other
     is_single_late = is_late and order[0] <= BOTH  # two other faults at once are not declared for lack of time
     if winner is None and is_possible and (is_single_late or is_overtaken):
         winner = ambiguity.safer(config, m, order[0], evidence) if is_overtaken else order[0]
@@ -133,7 +134,8 @@ def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Ala
     if winner is None and suspicion.is_quiet and is_seen and not m.is_doubtful and open_s >= OWN_S:
         winner = own_verdict.leads_as_own(config, m, evidence)
     if not m.is_doubtful and (winner is not None or open_s >= QUIET_S):
-        own = _own_instead(config, m, order[0], open_s)
+        small = ambiguity.leading_small(m, evidence[order[0]])
+        own = _own_instead(config, m, order[0] if small is None else small, open_s)
         winner = winner if own is None else own
     likeliest = order[0] if is_possible else int(np.argmax(r.evidence[:ALL]))
     best = likeliest if winner is None else winner
