@@ -67,7 +67,7 @@ def test_the_dead_zone_of_a_pump_near_its_end_is_never_known_exactly(voltage_V: 
     m.entry[:] = 0.0
     m.entry[VOLTAGE], m.entry[PERIOD], m.entry[WEIGHT] = voltage_V, 0.1, 1.0
     m.entry[READING : READING + 4], m.entry[VARIANCE : VARIANCE + 4] = np.nan, 1.0
-    first_day.filter_step(CONFIG, m.x, m.P, m.entry, StepResult.empty())
+    wide_filter.step(CONFIG, m.x, m.P, m.entry, StepResult.empty())
     assert np.sqrt(m.P[ZONE, ZONE]) == pytest.approx(std_V, rel=0.01)
 
 
@@ -84,7 +84,7 @@ def test_a_lag_can_be_learned_to_be_short_and_never_to_be_nothing(
         return 0.0
 
     monkeypatch.setattr(kernels, "filter_step", corrected)
-    first_day.filter_step(CONFIG, m.x, m.P, m.entry, StepResult.empty())
+    wide_filter.step(CONFIG, m.x, m.P, m.entry, StepResult.empty())
     assert m.x[LAG] == pytest.approx(lag)
 
 
@@ -346,7 +346,7 @@ def test_the_lag_of_a_pump_whose_voltage_stands_still_is_not_learned(
     entry[VOLTAGE], entry[WEIGHT], entry[VARIANCE : VARIANCE + 4] = voltage_V, 1.0, 5e-6
     entry[READING : READING + 4] = np.array((6.2, 6.4, 0.8, 0.7)) + 0.02
     result = StepResult.empty()
-    first_day.filter_step(CONFIG, m.x, m.P, entry, result)
+    wide_filter.step(CONFIG, m.x, m.P, entry, result)
     assert bool(m.x[LAG] != before[LAG]) is is_learned
     assert bool(result.K[LAG].any()) is is_learned
     assert m.x[SCALE] != before[SCALE]

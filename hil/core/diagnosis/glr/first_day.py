@@ -14,15 +14,15 @@ Why: `docs/decisions/0028-model-error.md`.
 
 from __future__ import annotations
 
-from math import exp, inf, sqrt
+from math import inf
 
 import numpy as np
 
-from hil.core.diagnosis.glr import kernels, own_verdict
+from hil.core.diagnosis.glr import drifting, own_verdict, wide_filter
 from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE, StepResult
 from hil.core.diagnosis.glr.hypotheses import BOTH, LAGS, PUMPS, jumps_of
 from hil.core.diagnosis.glr.memory import DetectorConfig, Memory, Wide
-from hil.core.diagnosis.glr.model import BEND, GAIN, LAG, OUTLET, PUMP, RATE, SCALE, ZONE, Array
+from hil.core.diagnosis.glr.model import GAIN, OUTLET, PUMP, RATE, SCALE, ZONE, Array
 from hil.core.diagnosis.glr.refilter import RING
 
 WIDE_SHARE = 0.5
@@ -44,15 +44,6 @@ REFUTED_STDS, REFUTE_S, REFUTE_HOLD_S, REFUTE_STEPS = 3.0, 300.0, 5.0, 10
 """A rig is not as its file says if a pump's gain or an outlet turns out to be so many of the file's standard deviations
 off, within this time: later that is a fault that grows. And for so long: before a large fault is found, the filter
 follows it for some steps. It is looked at every so many steps."""
-
-STILL_V = 0.1
-"""A lag shows in what a pump may still have to follow. With less, its estimate in a wide filter only follows those of
-the other parameters: in the ramp of a start phase it went from twice to a twentieth of the file's, with a true one of
-three times, so that the end of the ramp was a fault."""
-
-MIN_ZONE_STD_V, CORNER_V = 0.05, 0.5
-"""Of a pump whose voltage is at most this much above its dead zone, that is known no better: it ends in no corner, and
-whatever else errs by a twentieth of a volt of flow moves it."""
 
 _OF_RIG = np.array([SCALE, SCALE + 1, *range(OUTLET, OUTLET + 4)])
 _RESULT = StepResult.empty()
@@ -76,8 +67,9 @@ def step(config: DetectorConfig, m: Memory, log_likelihood: float) -> None:
             m.wide = _begin(config, m)
         return
     wide = m.wide
-    likelihood = filter_step(config, wide.x, wide.P, m.entry, _RESULT)
+    likelihood = wide_filter.step(config, wide.x, wide.P, m.entry, _RESULT)
     wide.lead[m.now % RING] = wide.lead[(m.now - 1) % RING] + likelihood - log_likelihood
+    drifting.step(config, m, wide, likelihood)
     age_s = (m.now - wide.began) * float(m.entry[PERIOD])
     is_due = tuning.relearn_from_s <= age_s < tuning.relearn_until_s and age_s >= 2.0 * wide.relearned_s
     if is_due and not m.is_wide:
@@ -85,39 +77,6 @@ def step(config: DetectorConfig, m: Memory, log_likelihood: float) -> None:
         wide.relearned_s = age_s
     if not m.is_wide and m.now % REFUTE_STEPS == 0:
         _watch_file(config, m, wide)
-
-
-def filter_step(config: DetectorConfig, x: Array, P: Array, entry: Array, result: StepResult) -> float:
-    """One step of a wide filter, in place; the log-likelihood of the readings.
-
-    A lag that does not show stays. One that is found shorter becomes so by its logarithm: with its large standard
-    deviation the linear step went to nothing in the first tenths of a second, and with such a lag there is nothing left
-    to learn from.
-    """
-    lags, variances = x[LAG : LAG + 2].tolist(), P.diagonal()[LAG : LAG + 2].tolist()
-    gaps_V = [_gap_V(x, P, j, float(entry[VOLTAGE + j])) for j in range(2)]
-    likelihood: float = kernels.filter_step(config.model, x, P, entry, result)
-    for j in range(2):
-        if gaps_V[j] < STILL_V:
-            x[LAG + j], P[LAG + j, LAG + j] = lags[j], variances[j]
-            result.K[LAG + j] = 0.0
-        elif x[LAG + j] < lags[j]:
-            x[LAG + j] = lags[j] * exp(x[LAG + j] / lags[j] - 1.0)
-        if float(entry[VOLTAGE + j] - x[ZONE + j]) < CORNER_V:
-            P[ZONE + j, ZONE + j] = max(float(P[ZONE + j, ZONE + j]), MIN_ZONE_STD_V**2)
-    return likelihood
-
-
-def _gap_V(x: Array, P: Array, pump: int, voltage_V: float) -> float:  # noqa: N802 - a unit
-    """What a pump may still have to follow at this voltage: the estimate, and one standard deviation of it."""
-    at, zone, bend = PUMP + pump, ZONE + pump, BEND + pump
-    flow_V, by_zone, by_bend = kernels.flow_voltage(x, pump, voltage_V, sqrt(max(float(P[zone, zone]), 0.0)))
-    variance = float(
-        P[at, at]
-        + by_zone * (by_zone * P[zone, zone] + 2.0 * (by_bend * P[zone, bend] - P[zone, at]))
-        + by_bend * (by_bend * P[bend, bend] - 2.0 * P[bend, at])
-    )
-    return abs(float(flow_V - x[at])) + sqrt(max(variance, 0.0))
 
 
 def _watch_file(config: DetectorConfig, m: Memory, wide: Wide) -> None:
@@ -220,6 +179,7 @@ def explains(config: DetectorConfig, m: Memory, onset: int, ratio: float) -> boo
     is_own = lead >= share * ratio and has_moved
     if not is_own and lead >= LATER_SHARE * ratio and m.t_s - m.begun_s <= REFUTE_S:
         is_own = own_verdict.moved_by(m, onset, own_verdict.BEFORE_PROVEN_S) >= own_verdict.MOVED_V
+    is_own = is_own and drifting.sensor(m, onset) is None
     if is_own:
         become_main(m, wide)
     return is_own
@@ -230,7 +190,7 @@ def _begin(config: DetectorConfig, m: Memory) -> Wide:
     P = m.P.copy()
     if m.is_wide:
         _forget_share(P, KEEP_BESIDE, config.wide_prior)
-        return Wide(x=m.x.copy(), P=P, began=m.now)
+        return Wide(x=m.x.copy(), P=P, began=m.now, drifting=drifting.beside(m.x, P))
     extra = config.wide_prior**2 - config.prior**2
     for j in range(2):
         if m.x[PUMP + j] > 0.0:

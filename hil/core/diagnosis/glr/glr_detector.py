@@ -28,6 +28,7 @@ from hil.core.diagnosis.glr import (
     strength,
     stuck_check,
     unknown,
+    wide_filter,
 )
 from hil.core.diagnosis.glr.filter import DOUBT, PERIOD
 from hil.core.diagnosis.glr.growth import NO_GROWTH
@@ -171,7 +172,7 @@ class GlrDetector:
         if m.growing != NO_GROWTH:
             kernels.grow(m.x, m.P, m.growing, entry[PERIOD])
         if m.is_wide:
-            likelihood = first_day.filter_step(self.config, m.x, m.P, entry, m.result)
+            likelihood = wide_filter.step(self.config, m.x, m.P, entry, m.result)
         else:
             likelihood = kernels.filter_step(model, m.x, m.P, entry, m.result)
         m.history.no_jump[m.now % RING] = likelihood

@@ -13,6 +13,7 @@ from hil.core.diagnosis.glr import (
     ambiguity,
     declaration,
     drift_review,
+    drifting,
     first_day,
     growth,
     hidden_level,
@@ -130,6 +131,8 @@ def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Ala
         winner = None
     if winner is not None and not is_overtaken and ambiguity.is_drift_or_level(config, m, winner, is_late=is_late):
         winner = None
+    if winner is not None and not is_overtaken and drifting.may_be_drift(config, m, winner):
+        winner = None
     open_s = m.t_s - suspicion.detected_s
     if winner is None and suspicion.is_quiet and is_seen and not m.is_doubtful and open_s >= OWN_S:
         winner = own_verdict.leads_as_own(config, m, evidence)
@@ -193,6 +196,8 @@ def _own_instead(config: DetectorConfig, m: Memory, leader: int, open_s: float) 
     An outlet that is learned while the sensor of its tank drifts hides the drift.
     """
     own = own_verdict.own_instead(config, m, leader)
+    if own is not None and drifting.may_be_drift(config, m, own):
+        return None
     if own is not None and open_s >= QUIET_S and ambiguity.is_drift_or_level(config, m, own, is_late=True):
         return None
     return own

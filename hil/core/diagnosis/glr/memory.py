@@ -198,18 +198,32 @@ class Unknown:
 
 
 @dataclass(eq=False, slots=True)
+class Drifting:
+    """A wide filter that has room for drifts of sensors as well, see `drifting`: its state.
+
+    lead : by step modulo RING, log-likelihood ratio against the wide filter beside which it began.
+    """
+
+    x: Array
+    P: Array
+    lead: list[float] = field(default_factory=lambda: [0.0] * RING)
+
+
+@dataclass(eq=False, slots=True)
 class Wide:
     """The filter of a rig that its file does not describe, see `first_day`.
 
     x, P : its state. lead : by step modulo RING, log-likelihood ratio against the main filter since it began, at step
     `began`. relearned_s : age at which a part of what was learned was forgotten the last time. refuted_s : since when
-    the main filter refutes the rig file, inf if it does not.
+    the main filter refutes the rig file, inf if it does not. drifting : the same with room for drifts of sensors, None
+    as long as the main filter believes the rig file.
     """
 
     x: Array
     P: Array
     began: int
     lead: list[float] = field(default_factory=lambda: [0.0] * RING)
+    drifting: Drifting | None = None
     relearned_s: float = 0.0
     refuted_s: float = inf
 
