@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hil.core.diagnosis.glr import drifting
 from hil.core.diagnosis.glr.declaration import IDLE_V
 from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE
 from hil.core.diagnosis.glr.hypotheses import ALL, BOTH, JUMPS, LAGS, PUMPS, jumps_of
@@ -81,7 +82,7 @@ def is_above_limit(config: DetectorConfig, m: Memory) -> bool:
     if m.max_ratio < detect or m.max_ratio >= MOVED_FACTOR * detect or not m.is_wide:
         return m.max_ratio >= detect
     onset = int(m.bank.onset[m.best.slot[int(np.argmax(m.best.ratio))]])
-    return moved_by(m, onset) < MOVED_V
+    return moved_by(m, onset) < MOVED_V or drifting.sensor(m, onset) is not None
 
 
 def may_be_own(config: DetectorConfig, m: Memory) -> bool:
