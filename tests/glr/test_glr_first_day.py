@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hil.core.diagnosis.glr import declaration, first_day, isolation, kernels, own_verdict
+from hil.core.diagnosis.glr import declaration, first_day, isolation, kernels, own_verdict, wide_filter
 from hil.core.diagnosis.glr.filter import PERIOD, READING, VARIANCE, VOLTAGE, WEIGHT, StepResult
 from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, jumps_of
 from hil.core.diagnosis.glr.memory import Declared, Lost, Memory, Suspicion, Wide
@@ -243,90 +243,6 @@ def test_a_small_leak_of_an_upper_tank_is_learned(before: float, now: float, *, 
 
 
 @pytest.mark.parametrize(
-    ("state", "now", "low_V", "is_own"),
-    [(GAIN, 1.18, 0.8, True), (GAIN, 1.22, 0.8, False), (GAIN, 1.18, 1.2, False), (OUTLET, 1.18, 0.8, False)],
-)
-def test_a_pump_that_leaves_its_dead_zone_corrects_the_model(
-    state: int, now: float, low_V: float, *, is_own: bool
-) -> None:
-    """The end of a dead zone that was learned 0.1 V wrong was a pump with 1.15 of its gain, at the first step up."""
-    m = a_verdict(state, now, is_wide=True)
-    m.history.entries[280:290, VOLTAGE] = low_V
-    assert own_verdict.is_own(CONFIG, m, number_of(state)) is is_own
-
-
-@pytest.mark.parametrize(("voltage_V", "gain", "is_nothing"), [(0.3, 0.0, True), (1.1, 0.0, False), (0.3, 1.5, False)])
-def test_a_pump_in_its_dead_zone_shows_nothing(voltage_V: float, gain: float, *, is_nothing: bool) -> None:
-    """Ten seconds at 0.2 V, below a dead zone, were a dead pump: the run tripped as running dry."""
-    m = a_verdict(GAIN, gain)
-    m.history.entries[290:301, VOLTAGE] = voltage_V
-    assert not own_verdict.shows_nothing(m, number_of(GAIN)), "on a rig that is as its file says, it may be dead"
-    m.is_wide = True
-    assert own_verdict.shows_nothing(m, number_of(GAIN)) is is_nothing
-
-
-def test_one_pump_near_its_dead_zone_shows_nothing_and_two_do() -> None:
-    """At 0.6 V a dead zone learned 0.2 V wrong was a pump with 0.58 of its gain. Two are an empty reservoir."""
-    m = a_verdict(GAIN, 0.58, is_wide=True)
-    m.history.entries[290:301, VOLTAGE : VOLTAGE + 2] = 0.6
-    m.replays.before[BOTH], m.replays.x[BOTH], m.replays.onset[BOTH] = m.x, m.x, 290
-    m.replays.x[BOTH, GAIN : GAIN + 2] = 0.0
-    assert own_verdict.shows_nothing(m, number_of(GAIN))
-    assert not own_verdict.shows_nothing(m, BOTH)
-
-
-@pytest.mark.parametrize(
-    ("change", "voltage_V", "is_nothing"), [(-0.02, 0.4, True), (-0.2, 0.4, False), (-0.02, 1.2, False)]
-)
-def test_a_pump_in_its_dead_zone_beside_one_that_works_shows_nothing(
-    change: float, voltage_V: float, *, is_nothing: bool
-) -> None:
-    """Pump 2 at 0.4 V, dead zone 0.43 V, learned as 0.07 V: "both pumps", with 0.99 and none of their gains."""
-    m = a_verdict(GAIN, 1.0, is_wide=True)
-    m.history.entries[290:301, VOLTAGE + 1] = voltage_V
-    m.replays.before[BOTH], m.replays.x[BOTH], m.replays.onset[BOTH] = m.x, m.x, 290
-    m.replays.x[BOTH, GAIN] += change
-    m.replays.x[BOTH, GAIN + 1] = -0.4
-    assert own_verdict.shows_nothing(m, BOTH) is is_nothing
-
-
-def test_a_pump_that_shows_nothing_in_its_dead_zone_teaches_how_long_that_is() -> None:
-    """It was only not reported, and found again and again, until a leak of 0.3 % had been open for 20 s."""
-    m = a_verdict(GAIN, 0.25, is_wide=True)
-    number = number_of(GAIN)
-    m.history.entries[290:301, VOLTAGE] = 0.4
-    m.replays.P[number] = m.P
-    m.replays.P[number, GAIN, GAIN] = 0.1
-    m.replays.x[number, [ZONE, PUMP]] = 0.08, 0.32
-    m.replays.target[number] = m.growing
-    first_day.learn_zone(CONFIG, m, number)
-    assert m.x[[GAIN, ZONE, PUMP]] == pytest.approx((1.0, 0.4 - 0.25 * 0.32, 0.25 * 0.32))
-    assert m.P[GAIN, GAIN] == 0.0
-    assert m.P[ZONE, ZONE] == CONFIG.wide_prior[ZONE] ** 2
-
-
-@pytest.mark.parametrize(("voltage_V", "is_quiet"), [(0.4, True), (1.2, False)])
-def test_a_pump_in_its_dead_zone_does_not_make_a_question_at_once(voltage_V: float, *, is_quiet: bool) -> None:
-    m = a_memory(0.0, 0.0)
-    m.is_wide = True
-    m.history.entries[:, VOLTAGE] = voltage_V
-    m.best.ratio[:], m.max_ratio = 0.0, 21.0
-    m.best.ratio[number_of(OUTLET)], m.best.ratio[number_of(GAIN)], m.best.slot[:] = 21.0, 20.0, 0
-    m.bank.onset[0] = 290
-    assert own_verdict.may_be_own(CONFIG, m) is is_quiet
-
-
-@pytest.mark.parametrize(("open_s", "is_told"), [(1.9, False), (2.1, True)])
-def test_a_pump_in_its_dead_zone_keeps_an_alarm_back_for_two_seconds(open_s: float, *, is_told: bool) -> None:
-    """What is found meanwhile may be a leak that begins while a pump is nearly at rest."""
-    m = near_each_other((GAIN, -1.0, 20.0), (OUTLET, 0.2, 24.0))
-    m.history.entries[280:301, VOLTAGE] = 0.4
-    m.suspicion = Suspicion(number=None, detected_s=m.t_s - open_s, is_quiet=True, leader=number_of(OUTLET))
-    isolation._speak(CONFIG, m, m.suspicion)
-    assert (m.suspicion.number is not None) is is_told
-
-
-@pytest.mark.parametrize(
     ("voltage_V", "std_V", "is_learned"),
     [(3.05, 0.0, False), (4.0, 0.0, True), (3.05, 0.03, False), (3.05, 0.07, True)],
 )
@@ -536,9 +452,9 @@ def test_a_dead_zone_that_is_hardly_known_leaves_nothing_to_follow() -> None:
     m = a_memory(0.0, 0.0)
     spread, states = 0.4, [PUMP, ZONE]
     m.P[np.ix_(states, states)] = spread**2 * np.array([[1.0, -1.0], [-1.0, 1.0]])
-    assert first_day._gap_V(m.x, m.P, 0, 3.0) == pytest.approx(0.0, abs=1e-6)
+    assert wide_filter._gap_V(m.x, m.P, 0, 3.0) == pytest.approx(0.0, abs=1e-6)
     m.P[PUMP, ZONE] = m.P[ZONE, PUMP] = 0.0
-    assert first_day._gap_V(m.x, m.P, 0, 3.0) == pytest.approx(spread * np.sqrt(2.0))
+    assert wide_filter._gap_V(m.x, m.P, 0, 3.0) == pytest.approx(spread * np.sqrt(2.0))
 
 
 @pytest.mark.parametrize(

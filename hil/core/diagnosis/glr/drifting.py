@@ -8,8 +8,6 @@ Why: `docs/decisions/0057-drifts-beside-the-rig.md`.
 
 from __future__ import annotations
 
-from math import sqrt
-
 import numpy as np
 
 from hil.core.diagnosis.glr import wide_filter
@@ -25,6 +23,10 @@ WALK_V = 3e-4
 LEAD = 8.0
 """A drift explains by so much more, as a log-likelihood ratio, what the rig's own does not. Drifts of 2 mV/s were at 11
 to 18 when the relearning filter would have learned them, sound rigs at 4 at most."""
+
+ALONE = 1.5
+"""The drift of that sensor, in standard deviations, is so many times as large as that of any other: where
+all four seem to drift, the model errs. On a sound rig the two largest were 1.1 and 0.9 mV/s with a lead of 9."""
 
 OVER_DRIFT = 2.0
 """What else explains the readings must then lead the drift by so many margins: a clogging outlet of an upper tank led a
@@ -57,8 +59,9 @@ def sensor(m: Memory, onset: int) -> int | None:
     start = max(onset, m.wide.began, m.now - RING + 1)
     if own.lead[m.now % RING] - own.lead[start % RING] < LEAD:
         return None
-    stds = [abs(float(own.x[state])) / sqrt(float(own.P[state, state])) for state in range(DRIFT, DRIFT + 4)]
-    return int(np.argmax(stds))
+    stds = np.abs(own.x[DRIFT : DRIFT + 4]) / np.sqrt(own.P.diagonal()[DRIFT : DRIFT + 4])
+    found = int(np.argmax(stds))
+    return found if stds[found] >= ALONE * np.sort(stds)[-2] else None
 
 
 def may_be_drift(config: DetectorConfig, m: Memory, number: int) -> bool:

@@ -19,10 +19,10 @@ from math import inf
 import numpy as np
 
 from hil.core.diagnosis.glr import drifting, own_verdict, wide_filter
-from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE, StepResult
-from hil.core.diagnosis.glr.hypotheses import BOTH, LAGS, PUMPS, jumps_of
+from hil.core.diagnosis.glr.filter import PERIOD, StepResult
+from hil.core.diagnosis.glr.hypotheses import BOTH, LAGS, PUMPS
 from hil.core.diagnosis.glr.memory import DetectorConfig, Memory, Wide
-from hil.core.diagnosis.glr.model import GAIN, OUTLET, PUMP, RATE, SCALE, ZONE, Array
+from hil.core.diagnosis.glr.model import GAIN, OUTLET, PUMP, SCALE, ZONE, Array
 from hil.core.diagnosis.glr.refilter import RING
 
 WIDE_SHARE = 0.5
@@ -97,16 +97,10 @@ def _is_refuted(config: DetectorConfig, m: Memory, wide: Wide) -> bool:
 def explains_alarm(config: DetectorConfig, m: Memory) -> bool:
     """Whether the wide filter expected what the bank has just found, or always had it; it is the main filter then."""
     leader = int(np.argmax(m.best.ratio))
-    slot = int(m.best.slot[leader])
-    onset = int(m.bank.onset[slot])
+    onset = int(m.bank.onset[m.best.slot[leader]])
     if explains(config, m, onset, m.max_ratio):
         return True
     wide = m.wide
-    if own_verdict.is_idle(m, leader, onset) and all(float(m.bank.match[j, slot]) < 0.0 for j in jumps_of(leader)):
-        if wide is not None and wide.lead[m.now % RING] >= 0.0:
-            become_main(m, wide)
-        m.restart_bank()
-        return True
     if wide is None or leader not in (*PUMPS, BOTH, *LAGS) or not own_verdict.is_from_begin(m, onset):
         return False
     gains, stds = wide.x[SCALE : SCALE + 2], config.wide_prior[SCALE : SCALE + 2]
@@ -124,31 +118,6 @@ def fold_gain(m: Memory, pump: int) -> None:
     T[GAIN + pump, GAIN + pump] = 0.0
     m.x[SCALE + pump], m.x[GAIN + pump] = gain * scale, 1.0
     m.P[:] = T @ m.P @ T.T
-
-
-def learn_zone(config: DetectorConfig, m: Memory, winner: int) -> None:
-    """Take a pump that gives less near its dead zone, as the winner's filter found it, for one with a longer dead zone.
-
-    At its mean voltage since the onset it gives what it was found to give. The other pump, if that has changed, too,
-    has another healthy gain.
-    """
-    r, onset = m.replays, int(m.replays.onset[winner])
-    steps = np.arange(max(onset, m.now - RING + 1, 1), m.now + 1) % RING
-    m.x[:], m.P[:] = r.x[winner], r.P[winner]
-    if m.growing != int(r.target[winner]):
-        m.forget(RATE)
-    for j in jumps_of(winner):
-        if not own_verdict.is_idle(m, j, onset):
-            fold_gain(m, j)
-            continue
-        left = min(max(float(m.x[GAIN + j] / r.before[winner, GAIN + j]), 0.0), 1.0)
-        over_V = max(float(m.history.entries[steps, VOLTAGE + j].mean() - m.x[ZONE + j]), 0.0)
-        m.forget(GAIN + j)
-        m.x[GAIN + j] = r.before[winner, GAIN + j]
-        zone_V = float(m.x[ZONE + j]) + (1.0 - left) * over_V
-        m.forget(ZONE + j)
-        m.x[ZONE + j], m.P[ZONE + j, ZONE + j] = zone_V, config.wide_prior[ZONE + j] ** 2
-        m.x[PUMP + j] *= left
 
 
 def _is_old(m: Memory, wide: Wide) -> bool:

@@ -173,14 +173,13 @@ def _has_died_away(config: DetectorConfig, m: Memory) -> bool:
 def _speak(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> None:
     """Raise the alarm of a quiet suspicion when nothing that may be the rig's own is near the likeliest fault.
 
-    What is near a sensor's fault, and a pump in its dead zone, count for the first seconds only.
+    What is near a sensor's fault counts for the first seconds only.
     """
     if not suspicion.is_quiet or suspicion.leader is None:
         return
     open_s, is_start = m.t_s - suspicion.detected_s, m.t_s < 0.0
     if open_s < FIRST_S:
-        near = own_verdict.own_near(config, m, suspicion.leader)
-        may_be_own = near is not None or own_verdict.is_nothing_near(config, m, suspicion.leader)
+        may_be_own = own_verdict.own_near(config, m, suspicion.leader) is not None
     else:
         may_be_own = _own_instead(config, m, suspicion.leader, open_s) is not None
     if may_be_own and not (is_start and open_s >= START_QUIET_S):
@@ -316,8 +315,6 @@ def _settle(config: DetectorConfig, m: Memory, suspicion: Suspicion, winner: int
     again with the bank: a fault that has begun meanwhile is then seen from its onset on.
     """
     r, has_moved = m.replays, ambiguity.has_moved(m)
-    if _is_of_rig(config, m, winner):
-        return [] if suspicion.number is None else [declaration.withdrawn(m, suspicion.number, ())]
     is_own = own_verdict.is_own(config, m, winner)
     if suspicion.is_quiet:
         suspicion.detected_s = m.t_s  # nobody has heard of it before
@@ -347,16 +344,6 @@ def _settle(config: DetectorConfig, m: Memory, suspicion: Suspicion, winner: int
     m.hidden = hidden_level.begin(config, m, winner)
     m.verdicts_s = (*m.verdicts_s, m.t_s)[-config.tuning.verdicts_max :]
     return alarms
-
-
-def _is_of_rig(config: DetectorConfig, m: Memory, winner: int) -> bool:
-    """Whether a verdict cannot be a fault, so that it teaches what the rig is; it has been learned then."""
-    if not own_verdict.shows_nothing(m, winner):
-        return False
-    first_day.learn_zone(config, m, winner)
-    m.restart_bank()
-    m.suspicion = None
-    return True
 
 
 def _learn(m: Memory, suspicion: Suspicion, winner: int) -> list[Alarm]:

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from hil.core.diagnosis.glr import drifting
-from hil.core.diagnosis.glr.declaration import IDLE_V
 from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE
 from hil.core.diagnosis.glr.hypotheses import ALL, BOTH, JUMPS, LAGS, PUMPS, jumps_of
 from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
@@ -38,9 +37,6 @@ SMALL = 0.1
 
 SMALL_RISE = 0.15
 """So does a larger one with which a pump gives more: no fault does that, but one that has stuck seems to."""
-
-SMALL_NEAR_ZONE, NEAR_ZONE_V = 0.2, 1.0
-"""So does a larger one of a pump whose voltage has been below this a little before: a dead zone ends in a bend."""
 
 MINOR, EARLY_MINOR = 0.15, 0.3
 """A smaller declared change of a pump may be the rig's own, and does not end its learning; the second where it was
@@ -99,8 +95,7 @@ def may_be_own(config: DetectorConfig, m: Memory) -> bool:
         return False
     is_new = not any(j in m.declared for j in (*jumps_of(leader), *jumps_of(int(np.argmax(ratio)))))
     onset = int(m.bank.onset[m.best.slot[leader]])
-    is_in_zone = any(ratio[j] >= m.max_ratio - config.tuning.margin and is_idle(m, j, onset) for j in PUMPS)
-    return is_new and is_learned_on(m) and (moved_by(m, onset) >= MOVED_V or is_in_zone)
+    return is_new and is_learned_on(m) and moved_by(m, onset) >= MOVED_V
 
 
 def own_instead(config: DetectorConfig, m: Memory, leader: int) -> int | None:
@@ -146,32 +141,6 @@ def _is_lag_that_shows(m: Memory, number: int) -> bool:
     return bool(is_longer) and moved_by(m, int(m.replays.onset[number])) >= MOVED_V
 
 
-def shows_nothing(m: Memory, winner: int) -> bool:
-    """Whether a verdict says that a pump gives less, and it has hardly been driven since: that is a dead zone."""
-    r, onset = m.replays, int(m.replays.onset[winner])
-    jumps = jumps_of(winner)
-    if any(j in m.declared for j in jumps):
-        return False
-    states = [JUMPS[j].state for j in jumps]
-    is_less = bool(np.all(r.x[winner, states] < r.before[winner, states]))
-    return (is_less and is_idle(m, winner, onset)) or (winner == BOTH and any(_is_one(m, j, onset) for j in PUMPS))
-
-
-def _is_one(m: Memory, pump: int, onset: int) -> bool:
-    """Whether, of both pumps, this one gives less in its dead zone, and the other is driven and gives what it gave."""
-    change = m.replays.x[BOTH, GAIN : GAIN + 2] - m.replays.before[BOTH, GAIN : GAIN + 2]
-    other = PUMPS[1 - pump]
-    is_other_well = abs(float(change[other])) <= SMALL and not is_idle(m, other, onset)
-    return float(change[pump]) < 0.0 and is_other_well and is_idle(m, pump, onset)
-
-
-def is_nothing_near(config: DetectorConfig, m: Memory, leader: int) -> bool:
-    """Whether a pump in its dead zone explains the readings about as well as the likeliest fault."""
-    r = m.replays
-    least = float(r.evidence[leader]) - config.tuning.margin
-    return any(not r.dropped[j] and float(r.evidence[j]) >= least and shows_nothing(m, j) for j in PUMPS)
-
-
 def _is_sensor(number: int) -> bool:
     return JUMPS[jumps_of(number)[0]].state >= BIAS
 
@@ -190,30 +159,8 @@ def _is_small(config: DetectorConfig, m: Memory, number: int, onset: int, sizes:
         std = float(config.wide_prior[states[0]])
         return max(sizes) <= OWN_STDS * std and whole <= MAX_STDS * std
     is_rise = number in (*PUMPS, BOTH) and min(sizes) > 0.0
-    most = SMALL_NEAR_ZONE if _has_left_zone(m, number, onset) else SMALL_RISE if is_rise else SMALL
+    most = SMALL_RISE if is_rise else SMALL
     return max(abs(size) for size in sizes) <= most and moved_by(m, onset) >= MOVED_V
-
-
-def is_idle(m: Memory, number: int, onset: int) -> bool:
-    """Whether a hypothesis is about pumps whose voltage has not shown what they give since a step.
-
-    Only on a rig that is proven not to be as its file says. On another one it hid an empty reservoir from two pumps
-    at rest, and the first that started then ran dry for 3 s. A single pump shows nothing near its dead zone either:
-    0.2 V more of that are 0.4 of what it gives at 0.6 V. Two pumps that give nothing there are an empty reservoir.
-    """
-    if number not in (*PUMPS, BOTH) or not m.is_wide:
-        return False
-    least_V = IDLE_V if number == BOTH else NEAR_ZONE_V
-    steps = np.arange(max(onset, m.now - RING + 1, 1), m.now + 1) % RING
-    return all(float(m.history.entries[steps, VOLTAGE + j].max()) < least_V for j in jumps_of(number))
-
-
-def _has_left_zone(m: Memory, winner: int, onset: int) -> bool:
-    """Whether a hypothesis is about pumps whose voltage was near their dead zone a little before a step, or since."""
-    if winner not in (*PUMPS, BOTH):
-        return False
-    steps = np.arange(max(onset - BEFORE_STEPS, m.now - RING + 1, 1), m.now + 1) % RING
-    return all(float(m.history.entries[steps, VOLTAGE + j].min()) < NEAR_ZONE_V for j in jumps_of(winner))
 
 
 def is_learned_on(m: Memory) -> bool:
