@@ -61,7 +61,7 @@ def test_what_may_be_the_rigs_own_is_not_learned_before_such_a_drift() -> None:
 
 
 @pytest.mark.parametrize(("sensor", "rate_V_s"), [(0, 0.003), (1, -0.003), (2, 0.002), (3, -0.002), (None, 0.0)])
-def test_a_drift_is_found_while_the_rig_is_learned_anew(sensor: int | None, rate_V_s: float) -> None:
+def test_a_drift_is_found_while_the_rig_is_learned_again(sensor: int | None, rate_V_s: float) -> None:
     """Among voltages that move, with a wide filter of 15 s and parameters that are up to 3 % off; without, none is."""
     plant = Plant(seed=5)
     m = Memory.begin(CONFIG, 0.0, Measurement((6.2, 6.4, 0.8, 0.7), (True,) * 4, 0.0, 5), (3.0, 3.0))

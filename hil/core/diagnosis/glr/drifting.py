@@ -22,11 +22,11 @@ WALK_V = 3e-4
 
 LEAD = 8.0
 """A drift explains by so much more, as a log-likelihood ratio, what the rig's own does not. Drifts of 2 mV/s were at 11
-to 18 when the relearning filter would have learned them, sound rigs at 4 at most."""
+to 18 when the relearning filter would have learned them, healthy rigs at 6 at most."""
 
 ALONE = 1.5
 """The drift of that sensor, in standard deviations, is so many times as large as that of any other: where
-all four seem to drift, the model errs. On a sound rig the two largest were 1.1 and 0.9 mV/s with a lead of 9."""
+all four seem to drift, the model errs. On a healthy rig the two largest were 1.1 and 0.9 mV/s with a lead of 9."""
 
 OVER_DRIFT = 2.0
 """What else explains the readings must then lead the drift by so many margins: a clogging outlet of an upper tank led a
