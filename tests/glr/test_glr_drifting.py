@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hil.core.diagnosis.glr import drifting, first_day, isolation
-from hil.core.diagnosis.glr.memory import Drifting, Memory, Wide
+from hil.core.diagnosis.glr.memory import Drifting, Memory, Suspicion, Wide
 from hil.core.diagnosis.glr.model import DRIFT, GAIN, LEAK, OUTLET
 from hil.core.types import Measurement
 from tests.glr.glr_bench import DETECTOR, Plant
@@ -31,6 +31,15 @@ def test_what_a_drift_explains_and_the_rig_does_not_is_not_learned(lead: float, 
     m.wide.lead[300] = 20.0
     with_drift(m, lead, 2)
     assert first_day.explains(CONFIG, m, onset, 30.0) is is_own
+
+
+def in_question(m: Memory) -> Memory:
+    """The memory with an open alarm since which a drift of sensor 3 has been in question, however much it leads now."""
+    m.suspicion = Suspicion(number=1, detected_s=29.5)
+    drifting.watch(with_drift(m, 9.0, 2), m.suspicion, 290)
+    drifting.watch(with_drift(m, 1.0, 2), m.suspicion, 290)
+    assert m.suspicion.drift == 2
+    return m
 
 
 @pytest.mark.parametrize(
@@ -66,7 +75,7 @@ def test_a_fault_of_the_process_needs_a_greater_lead_before_such_a_drift(
     state: int, size: float, evidence: float, *, is_open: bool
 ) -> None:
     """After a step of the references an outlet led by 6.5, because it explained what the model erred by as well."""
-    m = with_drift(near_each_other((state, size, evidence), (DRIFT + 2, 0.002, 28.0)), 9.0, 2)
+    m = in_question(near_each_other((state, size, evidence), (DRIFT + 2, 0.002, 28.0)))
     assert drifting.may_be_drift(CONFIG, m, number_of(state)) is is_open
     m.replays.dropped[number_of(DRIFT + 2)] = 1
     assert not drifting.may_be_drift(CONFIG, m, number_of(state))
@@ -76,7 +85,7 @@ def test_what_may_be_the_rigs_own_is_not_learned_before_such_a_drift() -> None:
     m = near_each_other((OUTLET + 2, -0.05, 30.0), (DRIFT + 2, 0.002, 28.0))
     outlet = number_of(OUTLET + 2)
     assert isolation._own_instead(CONFIG, m, outlet, 0.0) == outlet
-    assert isolation._own_instead(CONFIG, with_drift(m, 9.0, 2), outlet, 0.0) is None
+    assert isolation._own_instead(CONFIG, in_question(m), outlet, 0.0) is None
 
 
 @pytest.mark.parametrize(("sensor", "rate_V_s"), [(0, 0.003), (1, -0.003), (2, 0.002), (3, -0.002), (None, 0.0)])

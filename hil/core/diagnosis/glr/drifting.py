@@ -13,7 +13,7 @@ import numpy as np
 from hil.core.diagnosis.glr import wide_filter
 from hil.core.diagnosis.glr.filter import PERIOD, StepResult
 from hil.core.diagnosis.glr.hypotheses import JUMPS, drift_of, jumps_of
-from hil.core.diagnosis.glr.memory import DetectorConfig, Drifting, Memory, Wide
+from hil.core.diagnosis.glr.memory import DetectorConfig, Drifting, Memory, Suspicion, Wide
 from hil.core.diagnosis.glr.model import BIAS, DRIFT, Array
 from hil.core.diagnosis.glr.refilter import RING
 
@@ -62,13 +62,16 @@ def sensor(m: Memory, onset: int) -> int | None:
     return found if stds[found] >= max(STDS, ALONE * np.sort(stds)[-2]) else None
 
 
+def watch(m: Memory, suspicion: Suspicion, onset: int) -> None:
+    """Note whose drift is in question. It stays so while the alarm is open: the onset is not known well."""
+    found = sensor(m, onset)
+    suspicion.drift = suspicion.drift if found is None else found
+
+
 def may_be_drift(config: DetectorConfig, m: Memory, number: int) -> bool:
     """Whether a fault of the process, or what may be the rig's own, leads such a drift by too little to be taken."""
-    if JUMPS[jumps_of(number)[0]].state >= BIAS:
+    if m.suspicion is None or m.suspicion.drift is None or JUMPS[jumps_of(number)[0]].state >= BIAS:
         return False
-    found = sensor(m, int(m.replays.onset[number]))
-    if found is None:
-        return False
-    drift = drift_of(found + 1)
+    drift = drift_of(m.suspicion.drift + 1)
     lead = float(m.replays.evidence[number] - m.replays.evidence[drift])
     return not m.replays.dropped[drift] and lead < OVER_DRIFT * config.tuning.margin

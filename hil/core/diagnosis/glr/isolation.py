@@ -76,6 +76,7 @@ def suspect(config: DetectorConfig, m: Memory) -> None:
     """
     leader = int(np.argmax(m.best.ratio))
     m.suspicion = Suspicion(number=None, detected_s=m.t_s, is_quiet=own_verdict.may_be_own(config, m))
+    drifting.watch(m, m.suspicion, int(m.bank.onset[m.best.slot[leader]]))
     if not m.suspicion.is_quiet and not any(j in m.declared for j in jumps_of(leader)):
         m.alarms += 1
         m.suspicion.number = m.alarms
@@ -98,6 +99,7 @@ def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Ala
         return _candidates(m, suspicion, _likely_by_bank(config, m))
     evidence, order = _evidence(m)
     suspicion.leader = order[0]
+    drifting.watch(m, suspicion, int(r.onset[order[0]]))
     _speak(config, m, suspicion)
     state = JUMPS[jumps_of(order[0])[0]].state
     is_bias, is_drift = BIAS <= state < DRIFT, state >= DRIFT
@@ -131,8 +133,6 @@ def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Ala
         winner = None
     if winner is not None and not is_overtaken and ambiguity.is_drift_or_level(config, m, winner, is_late=is_late):
         winner = None
-    if winner is not None and not is_overtaken and drifting.may_be_drift(config, m, winner):
-        winner = None
     open_s = m.t_s - suspicion.detected_s
     if winner is None and suspicion.is_quiet and is_seen and not m.is_doubtful and open_s >= OWN_S:
         winner = own_verdict.leads_as_own(config, m, evidence)
@@ -140,6 +140,8 @@ def isolate(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> list[Ala
         small = ambiguity.leading_small(m, evidence[order[0]])
         own = _own_instead(config, m, order[0] if small is None else small, open_s)
         winner = winner if own is None else own
+    if winner is not None and not is_overtaken and drifting.may_be_drift(config, m, winner):
+        winner = None
     likeliest = order[0] if is_possible else int(np.argmax(r.evidence[:ALL]))
     best = likeliest if winner is None else winner
     if not m.is_doubtful and unknown.fits_badly(m, best, at_fit=_has_explained(config, m, best)):
@@ -204,7 +206,9 @@ def _own_instead(config: DetectorConfig, m: Memory, leader: int, open_s: float) 
 
 def _may_learn(config: DetectorConfig, m: Memory, small: int) -> bool:
     """Whether what is too small to be declared may be learned as the rig's own, when the time for a name is over."""
-    if unknown.fits_badly(m, small, at_fit=False) or ambiguity.is_drift_or_level(config, m, small, is_late=True):
+    if unknown.fits_badly(m, small, at_fit=False) or drifting.may_be_drift(config, m, small):
+        return False
+    if ambiguity.is_drift_or_level(config, m, small, is_late=True):
         return False
     return own_verdict.is_own(config, m, small)
 

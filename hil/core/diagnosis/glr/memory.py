@@ -140,7 +140,7 @@ class Suspicion:
     sharpen_at : step from which other onsets may be tried again.
     mean_V : (2,) slow mean of the pumps' voltages; moved_s : for how long a pump was away from it.
     is_quiet : whether no alarm was raised because it may be the rig's own, see `first_day`. quiet_s : for how long that
-    was so before the alarm.
+    was so before the alarm. drift : the sensor, from 0, whose drift has been in question since, see `drifting`.
     """
 
     number: int | None
@@ -152,6 +152,7 @@ class Suspicion:
     sharpen_at: int = 0
     mean_V: Array | None = None
     moved_s: float = 0.0
+    drift: int | None = None
 
 
 class Lost(NamedTuple):
