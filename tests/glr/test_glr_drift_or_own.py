@@ -6,12 +6,12 @@ from dataclasses import replace
 import pytest
 
 from hil.bench import campaign_case, campaign_run
-from hil.core.diagnosis.glr import isolation
+from hil.core.diagnosis.glr import isolation, verdict
 from hil.core.diagnosis.glr.model import DRIFT, OUTLET
 from tests.campaign.campaign_bench import CONFIG as CONFIG_DIR
 from tests.glr.test_glr_first_day import CONFIG, near_each_other, number_of
 
-LATE_S = isolation.QUIET_S
+LATE_S = verdict.QUIET_S
 
 
 @pytest.mark.parametrize(
@@ -28,14 +28,14 @@ def test_an_outlet_is_not_the_rigs_own_while_the_drift_of_its_sensor_is_as_likel
 ) -> None:
     """At first it may be: then the alarm is kept back."""
     m = near_each_other((OUTLET, -0.05, 28.0), (DRIFT + tank - 1, 0.002, drift))
-    own = isolation._own_instead(CONFIG, m, number_of(OUTLET), open_s)
+    own = verdict.own_instead(CONFIG, m, number_of(OUTLET), open_s)
     assert (own == number_of(OUTLET)) is is_learned
 
 
 @pytest.mark.parametrize(("drift", "is_learned"), [(27.0, False), (23.0, True)])
 def test_nor_is_one_that_is_too_small_to_be_declared(drift: float, *, is_learned: bool) -> None:
     m = near_each_other((OUTLET, -0.01, 28.0), (DRIFT, 0.002, drift))
-    assert isolation._may_learn(CONFIG, m, number_of(OUTLET)) is is_learned
+    assert verdict.may_learn(CONFIG, m, number_of(OUTLET)) is is_learned
 
 
 @pytest.mark.parametrize(("least", "is_over"), [(19.9, True), (20.1, False)])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hil.core.diagnosis.glr import drifting, first_day, isolation
+from hil.core.diagnosis.glr import drifting, first_day, verdict
 from hil.core.diagnosis.glr.memory import Drifting, Memory, Suspicion, Wide
 from hil.core.diagnosis.glr.model import DRIFT, GAIN, LEAK, OUTLET
 from hil.core.types import Measurement
@@ -84,8 +84,8 @@ def test_a_fault_of_the_process_needs_a_greater_lead_before_such_a_drift(
 def test_what_may_be_the_rigs_own_is_not_learned_before_such_a_drift() -> None:
     m = near_each_other((OUTLET + 2, -0.05, 30.0), (DRIFT + 2, 0.002, 28.0))
     outlet = number_of(OUTLET + 2)
-    assert isolation._own_instead(CONFIG, m, outlet, 0.0) == outlet
-    assert isolation._own_instead(CONFIG, in_question(m), outlet, 0.0) is None
+    assert verdict.own_instead(CONFIG, m, outlet, 0.0) == outlet
+    assert verdict.own_instead(CONFIG, in_question(m), outlet, 0.0) is None
 
 
 @pytest.mark.parametrize(("sensor", "rate_V_s"), [(0, 0.003), (1, -0.003), (2, 0.002), (3, -0.002), (None, 0.0)])

@@ -6,7 +6,7 @@ from math import isfinite
 
 import pytest
 
-from hil.core.diagnosis.glr import isolation, unknown
+from hil.core.diagnosis.glr import settling, unknown
 from hil.core.diagnosis.glr.memory import Declared, Memory
 from hil.core.types import Alarm, Measurement
 from tests.glr.glr_bench import ALL, DETECTOR, Plant, play, put
@@ -46,7 +46,7 @@ def test_what_the_filter_did_not_explain_before_is_no_misfit_of_the_fault() -> N
 
 def test_the_third_name_within_seconds_contradicts_but_never_a_pump_that_is_stuck_on() -> None:
     m = memory(0.0, 0.0)
-    m.checkpoint = isolation._checkpoint(m, 20)
+    m.checkpoint = settling.checkpoint(m, 20)
     for number, (kind, target) in enumerate((("leak", 3), ("sensor_bias", 4)), 1):
         assert not unknown.contradicts(m, 0)
         unknown.note(m, [Alarm(0.0, kind, target, 0.1, number=number)])
