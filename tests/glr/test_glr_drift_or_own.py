@@ -6,10 +6,10 @@ from dataclasses import replace
 import pytest
 
 from hil.bench import campaign_case, campaign_run
-from hil.core.diagnosis.glr import isolation, verdict
-from hil.core.diagnosis.glr.model import DRIFT, OUTLET
+from hil.core.diagnosis.glr import first_day, isolation, own_verdict, verdict
+from hil.core.diagnosis.glr.model import DRIFT, LAG, OUTLET, SPLIT
 from tests.campaign.campaign_bench import CONFIG as CONFIG_DIR
-from tests.glr.test_glr_first_day import CONFIG, near_each_other, number_of
+from tests.glr.test_glr_first_day import CONFIG, a_memory, near_each_other, number_of
 
 LATE_S = verdict.QUIET_S
 
@@ -54,6 +54,61 @@ def test_drawn_rigs_that_once_had_a_question_or_wrong_names_have_none(seed: int)
     case = campaign_run.prepare(CONFIG_DIR / "campaigns" / "drawn_rigs.toml", options).cases[0]
     row = campaign_case.run_case(case, CONFIG_DIR)
     assert (row.false_alarms, row.questions, row.unknowns, row.trip_cause) == (0, 0, 0, "")
+
+
+@pytest.mark.parametrize(
+    ("state", "learned", "now", "is_far"),
+    [
+        (OUTLET + 1, 0.95, 0.86, False),
+        (OUTLET + 1, 0.95, 0.85, True),
+        (OUTLET + 1, 0.95, 1.05, True),
+        (SPLIT, 1.0, 0.96, False),
+        (SPLIT, 1.0, 0.94, True),
+        (LAG, 1.0, 3.0, False),
+    ],
+)
+def test_what_a_learned_rig_has_is_its_own_for_good(state: int, learned: float, now: float, *, is_far: bool) -> None:
+    """An outlet that clogged by 1 % a second was learned in eight steps of 5 %, and never had a name."""
+    m = near_each_other((state, -0.05, 28.0))
+    m.x[state] = now + 0.05
+    m.replays.before[:, state], m.replays.x[number_of(state), state] = now + 0.05, now
+    assert not own_verdict.is_far(m, m.replays.x[number_of(state)]), "not learned yet"
+    assert own_verdict.is_own(CONFIG, m, number_of(state))
+    m.learned = m.x.copy()
+    m.learned[state] = learned
+    assert own_verdict.is_far(m, m.replays.x[number_of(state)]) is is_far
+    assert own_verdict.is_own(CONFIG, m, number_of(state)) is not is_far
+
+
+@pytest.mark.parametrize(("outlet", "is_own"), [(0.91, True), (0.89, False)])
+def test_nor_does_a_relearning_filter_take_over_that_has_another_outlet(outlet: float, *, is_own: bool) -> None:
+    m = a_memory(20.0, 0.6)
+    m.is_wide, m.learned = True, m.x.copy()
+    assert m.wide is not None
+    m.wide.x[:] = m.x
+    m.wide.x[OUTLET] = outlet
+    assert first_day.explains(CONFIG, m, 290, 30.0) is is_own
+
+
+@pytest.mark.parametrize(
+    ("age_s", "known_s", "is_learned"), [(99.0, 70.0, False), (101.0, 59.0, False), (101.0, 61.0, True)]
+)
+def test_a_rig_is_learned_when_nothing_is_forgotten_any_more(age_s: float, known_s: float, *, is_learned: bool) -> None:
+    m = a_memory(0.0, 0.0)
+    m.is_wide, m.now, m.t_s, m.relearned_s = True, round(10.0 * age_s), age_s, 64.0
+    m.proven_s = age_s - known_s
+    first_day.step(CONFIG, m, 0.0)
+    assert (m.learned is not None) is is_learned
+
+
+def test_an_outlet_that_clogs_on_a_drawn_rig_has_its_name() -> None:
+    options = campaign_run.CampaignOptions(seeds=1, first_seed=77002, duration_s=260.0)
+    case = campaign_run.prepare(CONFIG_DIR / "campaigns" / "drawn_rigs.toml", options).cases[0]
+    block = {"at_s": 214.6, "kind": "outlet_block", "target": 2, "value": 0.5, "ramp_s": 50.0}
+    case = replace(case, scenario_data={**case.scenario_data, "fault": [block]})
+    row = campaign_case.run_case(case, CONFIG_DIR)
+    assert (row.declared, row.false_alarms, row.spurious_alarms, row.trip_cause) == ("outlet_block 2", 0, 0, "")
+    assert row.spilled_cm3 == 0.0
 
 
 SLOW_DRIFTS = [

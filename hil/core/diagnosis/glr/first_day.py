@@ -45,6 +45,10 @@ REFUTED_STDS, REFUTE_S, REFUTE_HOLD_S, REFUTE_STEPS = 3.0, 300.0, 5.0, 10
 off, within this time: later that is a fault that grows. And for so long: before a large fault is found, the filter
 follows it for some steps. It is looked at every so many steps."""
 
+LEARNED_S = 60.0
+"""A rig has been learned when it has been known for so long not to be as its file says, and nothing is forgotten any
+more. What its outlets and valves are then is theirs for good, see `own_verdict.is_far`."""
+
 _OF_RIG = np.array([SCALE, SCALE + 1, *range(OUTLET, OUTLET + 4)])
 _RESULT = StepResult.empty()
 
@@ -60,6 +64,8 @@ def step(config: DetectorConfig, m: Memory, log_likelihood: float) -> None:
             m.relearned_s = age_s
             m.restart_bank()
             return
+        if m.learned is None and age_s >= tuning.relearn_until_s and m.t_s - m.proven_s >= LEARNED_S:
+            m.learned = m.x.copy()
         if m.wide is not None and m.max_ratio < tuning.calm and _is_old(m, m.wide):
             m.wide = None
     if m.wide is None:
@@ -126,6 +132,7 @@ def _is_old(m: Memory, wide: Wide) -> bool:
 
 def become_main(m: Memory, wide: Wide) -> None:
     """The wide filter becomes the main one: the rig is as it says."""
+    m.proven_s = min(m.proven_s, m.t_s)
     m.x[:], m.P[:], m.is_wide, m.relearned_s = wide.x, wide.P, True, wide.relearned_s
     m.scale[:] = 1.0
     m.mean_square = 1.0
@@ -148,7 +155,7 @@ def explains(config: DetectorConfig, m: Memory, onset: int, ratio: float) -> boo
     is_own = lead >= share * ratio and has_moved
     if not is_own and lead >= LATER_SHARE * ratio and m.t_s - m.begun_s <= REFUTE_S:
         is_own = own_verdict.moved_by(m, onset, own_verdict.BEFORE_PROVEN_S) >= own_verdict.MOVED_V
-    is_own = is_own and drifting.sensor(m, onset) is None
+    is_own = is_own and drifting.sensor(m, onset) is None and not own_verdict.is_far(m, wide.x)
     if is_own:
         become_main(m, wide)
     return is_own

@@ -349,9 +349,10 @@ class Memory:
     run times of the latest verdicts. rival : to the latest drift. hidden : see `hidden_level`. checkpoint : from before
     the latest verdict. unproven : the pump that was at rest when the other one failed, and for how long it has been
     driven since; None when both are known to work. strength : pumps that were reported to give another share than the
-    file says. steady_s : (2,) for how long a difference from that has been known. calm_squares : mean_square by step
-    modulo RING. told : the latest names. unknown : what nothing explains, while it goes on; unknown_s : for how long,
-    fading afterwards; unknown_until_s : run time at which the last was over.
+    file says. steady_s : (2,) for how long a difference from that has been known. is_wide : whether the rig is proven
+    not to be as its file says; proven_s : since when. learned : (N,) the state when such a rig had been learned.
+    calm_squares : mean_square by step modulo RING. told : the latest names. unknown : what nothing explains, while it
+    goes on; unknown_s : for how long, fading afterwards; unknown_until_s : run time at which the last was over.
     """
 
     x: Array
@@ -394,6 +395,8 @@ class Memory:
     strength: dict[int, Strength] = field(default_factory=dict)
     steady_s: list[float] = field(default_factory=lambda: [0.0, 0.0])
     relearned_s: float = 0.0
+    proven_s: float = inf
+    learned: Array | None = None
     calm_squares: list[float] = field(default_factory=lambda: [1.0] * RING)
     told: tuple[Told, ...] = ()
     unknown: Unknown | None = None
