@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import datetime
+from itertools import count
 from math import isfinite
 from pathlib import Path
 from typing import Literal
@@ -49,8 +50,13 @@ def check_length(bench: Bench, duration_s: float | None) -> None:
 
 
 def default_folder(name: str, now: datetime) -> Path:
-    """runs/<time>_<name>, below the current directory."""
-    return Path("runs") / f"{now:%Y%m%d-%H%M%S}_{name}"
+    """runs/<time>_<name>, below the current directory; a second one in the same second ends in _2, and so on."""
+    path = first = Path("runs") / f"{now:%Y%m%d-%H%M%S}_{name}"
+    for number in count(2):
+        if not path.exists():
+            break
+        path = first.with_name(f"{first.name}_{number}")
+    return path
 
 
 def timeline_settings(bench: Bench, config: ControllerConfig, options: RunOptions) -> TimelineSettings | None:

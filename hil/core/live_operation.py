@@ -174,7 +174,8 @@ def _done(request: LiveRequest, after: Supervision, events: tuple[Event, ...]) -
         case LiveAction.CLEAR:
             return "trip cleared"
         case LiveAction.STOP:
-            return "stop: the pumps ramp down and the run ends"
+            pumps = "the pumps ramp down" if after.mode is Mode.STOPPING else "the pumps are off"
+            return f"stop: {pumps} and the run ends"
     said = (e.text for e in events if e.code == "bypass" and e.data["interlock"] == str(request.interlock))
     return next(said, f"{request.interlock} bypassed")  # for as long as safety.bypass_max_s allows
 

@@ -2,11 +2,13 @@
 
 import json
 import os
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from hil.bench import run_options
 from hil.bench.assembly import load
 from hil.bench.late_faults import late_faults
 from hil.edge.record.run_folder import RunFolder
@@ -154,6 +156,18 @@ def test_the_default_folder_lies_below_runs_and_carries_the_name(command_line: C
     assert command_line("hil", "simulate", bare, "--no-rerun", "--no-report").code == 0
     (folder,) = (tmp_path / "runs").iterdir()
     assert folder.name.endswith("_bare")
+
+
+def test_runs_that_start_in_the_same_second_have_folders_of_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    names = []
+    for _ in range(3):
+        folder = run_options.default_folder("steps", datetime(2026, 1, 1, 12, 0, 0))
+        folder.mkdir(parents=True)
+        names.append(str(folder))
+    assert names == [f"runs/20260101-120000_steps{end}" for end in ("", "_2", "_3")]
 
 
 def test_the_emulators_table_reaches_the_emulator_and_not_the_controller(

@@ -129,6 +129,17 @@ def test_a_request_that_a_stop_overrules_is_not_called_accepted() -> None:
     assert run.state.supervision.mode is Mode.STOPPING
 
 
+def test_a_stop_says_what_the_pumps_do() -> None:
+    """A run that has tripped has nothing left to ramp down."""
+    assert Run().ask(LiveAction.STOP) == (True, "stop: the pumps ramp down and the run ends")
+    run = Run()
+    run.plant.level_cm = (19.5, *run.plant.level_cm[1:])
+    run.step(5)
+    assert run.state.supervision.mode is Mode.TRIPPED
+    assert run.ask(LiveAction.STOP) == (True, "stop: the pumps are off and the run ends")
+    assert run.state.supervision.stopped_by
+
+
 def test_a_held_clock_delays_requests_and_the_end_of_the_scenario() -> None:
     run = Run(replace(controller_config(bench_loop(), 4.0), requests=((3.0, Request(Action.MANUAL)),)))
     assert run.ask(LiveAction.HOLD)[0]
