@@ -7,6 +7,7 @@ import pytest
 
 from hil.bench import campaign_case, campaign_run
 from hil.core.diagnosis.glr import first_day, isolation, own_verdict, verdict
+from hil.core.diagnosis.glr.memory import Declared
 from hil.core.diagnosis.glr.model import DRIFT, LAG, OUTLET, SPLIT
 from tests.campaign.campaign_bench import CONFIG as CONFIG_DIR
 from tests.glr.test_glr_first_day import CONFIG, a_memory, near_each_other, number_of
@@ -91,10 +92,21 @@ def test_nor_does_a_relearning_filter_take_over_that_has_another_outlet(outlet: 
 
 
 @pytest.mark.parametrize(
-    ("age_s", "known_s", "is_learned"), [(99.0, 70.0, False), (101.0, 59.0, False), (101.0, 61.0, True)]
+    ("age_s", "known_s", "fault", "is_learned"),
+    [
+        (99.0, 70.0, None, False),
+        (101.0, 59.0, None, False),
+        (101.0, 61.0, None, True),
+        (101.0, 61.0, LAG, True),
+        (101.0, 61.0, OUTLET, False),
+    ],
 )
-def test_a_rig_is_learned_when_nothing_is_forgotten_any_more(age_s: float, known_s: float, *, is_learned: bool) -> None:
+def test_a_rig_is_learned_when_nothing_is_forgotten_any_more(
+    age_s: float, known_s: float, fault: int | None, *, is_learned: bool
+) -> None:
     m = a_memory(0.0, 0.0)
+    if fault is not None:
+        m.declared[number_of(fault)] = Declared("", 0.5, 1.0, 1, 20.0, 21.0)
     m.is_wide, m.now, m.t_s, m.relearned_s = True, round(10.0 * age_s), age_s, 64.0
     m.proven_s = age_s - known_s
     first_day.step(CONFIG, m, 0.0)

@@ -64,7 +64,7 @@ def step(config: DetectorConfig, m: Memory, log_likelihood: float) -> None:
             m.relearned_s = age_s
             m.restart_bank()
             return
-        if m.learned is None and age_s >= tuning.relearn_until_s and m.t_s - m.proven_s >= LEARNED_S:
+        if m.learned is None and age_s >= tuning.relearn_until_s and _is_learned(m):
             m.learned = m.x.copy()
         if m.wide is not None and m.max_ratio < tuning.calm and _is_old(m, m.wide):
             m.wide = None
@@ -83,6 +83,11 @@ def step(config: DetectorConfig, m: Memory, log_likelihood: float) -> None:
         wide.relearned_s = age_s
     if not m.is_wide and m.now % REFUTE_STEPS == 0:
         _watch_file(config, m, wide)
+
+
+def _is_learned(m: Memory) -> bool:
+    """Whether a rig that is not as its file says has been known for long enough, and no fault of its process is."""
+    return m.t_s - m.proven_s >= LEARNED_S and m.suspicion is None and own_verdict.is_learned_on(m)
 
 
 def _watch_file(config: DetectorConfig, m: Memory, wide: Wide) -> None:
