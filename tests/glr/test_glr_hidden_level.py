@@ -55,7 +55,7 @@ def memory(**fields: Any) -> Any:
 def hidden(tank: int = 0, lead: float = 10.0, rate_V_s: float = -0.01, level_cm: float = 14.0) -> Hidden:
     x = np.zeros(N)
     x[DRIFT + tank], x[LEVEL + tank] = rate_V_s, level_cm
-    return Hidden(tank=tank, x=x, P=np.zeros((N, N)), lead=lead, target=-1)
+    return Hidden(tank=tank, x=x, P=np.zeros((N, N)), lead=lead, target=-1, limit=20.0)
 
 
 @pytest.mark.parametrize("winner", [outlet_of(1), outlet_of(2), 0, BOTH])

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
+from hil.core.diagnosis.glr import ambiguity
 from hil.core.diagnosis.glr.ambiguity import LOWER
 from hil.core.diagnosis.glr.hypotheses import JUMPS, drift_of, jumps_of
 from hil.core.diagnosis.glr.memory import DetectorConfig, Hidden, Memory
@@ -28,7 +29,8 @@ def begin(config: DetectorConfig, m: Memory, winner: int) -> Hidden | None:
     if JUMPS[jumps_of(winner)[0]].state >= DRIFT:
         return None
     r = m.replays
-    least = float(r.evidence[winner]) - config.tuning.detect
+    limit = config.tuning.detect + ambiguity.model_doubt(m, winner)
+    least = float(r.evidence[winner]) - limit
     tanks = [tank for tank in range(LOWER) if _is_possible(m, tank, least)]
     if not tanks:
         return None
@@ -40,6 +42,7 @@ def begin(config: DetectorConfig, m: Memory, winner: int) -> Hidden | None:
         P=r.P[number].copy(),
         lead=float(r.evidence[winner] - r.evidence[number]),
         target=int(r.target[number]),
+        limit=limit,
     )
 
 
@@ -52,7 +55,7 @@ def step(config: DetectorConfig, m: Memory, log_likelihood: float) -> None:
         m.hidden = None
         return
     hidden.lead += log_likelihood - config.filter_beside(hidden.x, hidden.P, m.entry, hidden.target)
-    if hidden.lead > config.tuning.detect or hidden.x[DRIFT + hidden.tank] >= 0.0:
+    if hidden.lead > hidden.limit or hidden.x[DRIFT + hidden.tank] >= 0.0:
         m.hidden = None
 
 
@@ -64,8 +67,8 @@ def levels_cm(config: DetectorConfig, m: Memory) -> Pair:
     if m.hidden is not None:
         found[m.hidden.tank] = _highest_cm(m.hidden.x, m.hidden.P, m.hidden.tank)
     if m.suspicion is not None and m.suspicion.leader is not None:
-        r = m.replays
-        least = float(r.evidence[m.suspicion.leader]) - config.tuning.detect
+        r, leader = m.replays, m.suspicion.leader
+        least = float(r.evidence[leader]) - config.tuning.detect - ambiguity.model_doubt(m, leader)
         for tank in range(LOWER):
             if _is_possible(m, tank, least):
                 number = drift_of(tank + 1)

@@ -290,7 +290,8 @@ class Rival:
 class Hidden:
     """The filter of a drift downwards of a lower sensor that is not excluded although another fault was declared.
 
-    tank : from 0. lead : of the declared fault, log-likelihood ratio. target : what grows in the filter.
+    tank : from 0. lead : of the declared fault, log-likelihood ratio; above limit the drift is excluded. target : what
+    grows in the filter.
     """
 
     tank: int
@@ -298,6 +299,7 @@ class Hidden:
     P: Array
     lead: float
     target: int
+    limit: float
 
 
 @dataclass(slots=True)
