@@ -27,7 +27,10 @@ def memory(**fields: Any) -> Any:
     entry = np.zeros(ENTRY)
     entry[VOLTAGE : VOLTAGE + 2], entry[PERIOD] = 3.0, 0.1
     return SimpleNamespace(
-        **({"replays": replays, "suspicion": None, "rival": None, "lost": {}, "entry": entry} | fields)
+        **(
+            {"replays": replays, "suspicion": None, "rival": None, "lost": {}, "entry": entry, "is_wide": False}
+            | fields
+        )
     )
 
 
@@ -135,6 +138,27 @@ def test_a_leak_that_hardly_leads_the_drift_is_declared_as_the_drift(tank: int) 
     assert ambiguity.safer(CONFIG, m, drift, evidence) == drift
     evidence[drift] = 30.0 - 1.1 * Tuning().margin
     assert ambiguity.safer(CONFIG, m, outlet, evidence) == outlet, "it leads by the margin"
+
+
+@pytest.mark.parametrize(
+    ("is_wide", "evidence", "lead", "is_open"),
+    [
+        (True, 20000.0, 39.0, True),
+        (True, 20000.0, 46.0, False),
+        (True, 250.0, 9.0, False),
+        (False, 20000.0, 11.0, False),
+    ],
+)
+def test_what_the_model_errs_by_grows_with_what_it_explains(
+    evidence: float, lead: float, *, is_wide: bool, is_open: bool
+) -> None:
+    """A drift of -50 mV/s was a leak on an unknown rig, and 599 cm3 went over the rim."""
+    m, outlet, drift = memory(is_wide=is_wide), outlet_of(2), drift_of(2)
+    m.replays.evidence[outlet], m.replays.evidence[drift] = evidence, evidence - lead
+    m.replays.x[outlet, OUTLET + 1] = 0.5
+    assert ambiguity.is_drift_or_level(CONFIG, m, outlet, is_late=False) is is_open
+    safer = ambiguity.safer(CONFIG, m, outlet, m.replays.evidence)
+    assert safer == (drift if is_open else outlet)
 
 
 @pytest.mark.parametrize("number", [0, BOTH, outlet_of(1)])

@@ -48,6 +48,7 @@ def memory(**fields: Any) -> Any:
         "lost": {},
         "usable": [True] * 4,
         "entry": None,
+        "is_wide": False,
     }
     return SimpleNamespace(**(known | fields))
 
@@ -56,6 +57,22 @@ def hidden(tank: int = 0, lead: float = 10.0, rate_V_s: float = -0.01, level_cm:
     x = np.zeros(N)
     x[DRIFT + tank], x[LEVEL + tank] = rate_V_s, level_cm
     return Hidden(tank=tank, x=x, P=np.zeros((N, N)), lead=lead, target=-1, limit=20.0)
+
+
+@pytest.mark.parametrize(
+    ("is_wide", "lead", "is_kept"), [(True, 59.0, True), (True, 61.0, False), (False, 59.0, False)]
+)
+def test_on_an_unknown_rig_a_drift_is_excluded_later_the_more_both_explain(
+    lead: float, *, is_wide: bool, is_kept: bool
+) -> None:
+    """A leak led a drift of -50 mV/s by 11 of 20,800, and soon by 20: the interlock forgot the level it implied."""
+    m, drift = memory(is_wide=is_wide, suspicion=SimpleNamespace(leader=outlet_of(2))), drift_of(2)
+    m.replays.evidence[outlet_of(2)], m.replays.evidence[drift] = 20000.0, 20000.0 - lead
+    found = hidden_level.begin(config(), m, outlet_of(2))
+    assert (found is not None) is is_kept
+    assert (hidden_level.levels_cm(config(), m)[1] > 0.0) is is_kept
+    if found is not None:
+        assert found.limit == pytest.approx(60.0)
 
 
 @pytest.mark.parametrize("winner", [outlet_of(1), outlet_of(2), 0, BOTH])

@@ -34,7 +34,7 @@ GROWTH_MARGIN = 1.5
 
 MODEL_SHARE = 0.002
 """On a rig that is proven not to be as its file says, so much of what a hypothesis explains may be owed to errors of
-the model. A drift of -50 mV/s was a leak that led it by 11 of 20,800; an outlet that clogged led a drift by 10 of 258."""
+the model. A drift of -50 mV/s was a leak that led it by 11 of 20,800; an outlet that clogged led one by 10 of 258."""
 
 
 def model_doubt(m: Memory, number: int) -> float:

@@ -20,11 +20,12 @@ from hil.core.diagnosis.glr.refilter import RING
 WALK_V = 3e-4
 """Random walk of the drifts in a second, V/s: 2 mV/s that have just begun are found in some ten seconds."""
 
-LEAD, STDS, ALONE = 5.0, 2.0, 1.5
-"""A drift is in question if it explains so much more than the rig's own does, as a log-likelihood ratio, is so many
-standard deviations from none, and so many times as many as that of any other sensor: where all four seem to drift, the
-model errs. Drifts of 2 mV/s led by 5 to 18 when the relearning filter would have learned them. Of 15 healthy rigs one
-had more than 4 later than in the start phase: 9, with 1.1 and 0.9 mV/s in two sensors."""
+LEAD, SHARE, STDS, ALONE = 5.0, 0.5, 2.0, 1.5
+"""A drift is in question if it explains so much more than the rig's own does, as a log-likelihood ratio, and this share
+of what the rig's own explains; and if it is so many standard deviations from none, and so many times as many as that of
+any other sensor: where all four seem to drift, the model errs. Drifts of 2 mV/s led by 5 to 18, and 0.7 or more, when
+the relearning filter would have learned them. Of healthy rigs one led by 9 with 1.1 and 0.9 mV/s in two sensors, one by
+5.8, and 0.4."""
 
 OVER_DRIFT = 2.0
 """What else explains the readings must then lead the drift by so many margins: a clogging outlet of an upper tank led a
@@ -53,9 +54,9 @@ def sensor(m: Memory, onset: int) -> int | None:
     """The sensor, from 0, whose drift since a step explains the readings better than the rig's own does, or None."""
     if m.wide is None or m.wide.drifting is None:
         return None
-    own = m.wide.drifting
-    start = max(onset, m.wide.began, m.now - RING + 1)
-    if own.lead[m.now % RING] - own.lead[start % RING] < LEAD:
+    wide, own = m.wide, m.wide.drifting
+    now, start = m.now % RING, max(onset, wide.began, m.now - RING + 1) % RING
+    if own.lead[now] - own.lead[start] < max(LEAD, SHARE * (wide.lead[now] - wide.lead[start])):
         return None
     stds = np.abs(own.x[DRIFT : DRIFT + 4]) / np.sqrt(own.P.diagonal()[DRIFT : DRIFT + 4])
     found = int(np.argmax(stds))
