@@ -19,7 +19,7 @@ LATE_S = verdict.QUIET_S
     ("open_s", "tank", "drift", "is_learned"),
     [
         (LATE_S, 1, 27.0, False),
-        (LATE_S, 1, 23.0, True),
+        (LATE_S, 1, 22.0, True),
         (LATE_S, 2, 27.0, True),
         (LATE_S - 0.1, 1, 27.0, True),
     ],
@@ -33,7 +33,7 @@ def test_an_outlet_is_not_the_rigs_own_while_the_drift_of_its_sensor_is_as_likel
     assert (own == number_of(OUTLET)) is is_learned
 
 
-@pytest.mark.parametrize(("drift", "is_learned"), [(27.0, False), (23.0, True)])
+@pytest.mark.parametrize(("drift", "is_learned"), [(27.0, False), (22.0, True)])
 def test_nor_is_one_that_is_too_small_to_be_declared(drift: float, *, is_learned: bool) -> None:
     m = near_each_other((OUTLET, -0.01, 28.0), (DRIFT, 0.002, drift))
     assert verdict.may_learn(CONFIG, m, number_of(OUTLET)) is is_learned
@@ -89,6 +89,18 @@ def test_nor_does_a_relearning_filter_take_over_that_has_another_outlet(outlet: 
     m.wide.x[:] = m.x
     m.wide.x[OUTLET] = outlet
     assert first_day.explains(CONFIG, m, 290, 30.0) is is_own
+
+
+@pytest.mark.parametrize(
+    ("is_learned", "taught_s", "is_own"), [(True, 10.1, False), (True, 9.9, True), (False, 29.0, True)]
+)
+def test_nor_twice_within_some_seconds(taught_s: float, *, is_learned: bool, is_own: bool) -> None:
+    m = a_memory(20.0, 0.6)
+    m.is_wide, m.taught_s, m.learned = True, taught_s, m.x.copy() if is_learned else None
+    assert m.wide is not None
+    m.wide.x[:] = m.x
+    assert first_day.explains(CONFIG, m, 290, 30.0) is is_own
+    assert m.taught_s == (30.0 if is_own else taught_s)
 
 
 @pytest.mark.parametrize(

@@ -36,3 +36,16 @@ def test_the_period_in_which_a_bias_begins_teaches_nothing_of_its_size() -> None
         variances.append(replays.P[0][BIAS + SENSOR, BIAS + SENSOR])
     assert variances[0] == pytest.approx(BIAS_PRIOR_V**2)
     assert variances[1] < 1e-3 * variances[0]
+
+
+def test_it_is_the_first_period_in_which_the_sensor_is_read() -> None:
+    """A bias of 0.62 V on the sensor of an empty tank, which is not read, was unknown, and the run stopped."""
+    history, replays = a_history(4), Replays.empty()
+    history.entries[1:3, READING + SENSOR] = np.nan
+    replays.begin(0, BIAS_OF_SENSOR, -1, history, 0, 0, np.zeros(8), NO_GROWTH)
+    variances = []
+    for step in range(1, 5):
+        assert catch_up(DETECTOR.config.model, history, replays, 1, step, 10) == 0
+        variances.append(replays.P[0][BIAS + SENSOR, BIAS + SENSOR])
+    assert variances[:3] == pytest.approx([BIAS_PRIOR_V**2] * 3)
+    assert variances[3] < 1e-3 * variances[2]

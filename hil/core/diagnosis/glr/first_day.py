@@ -49,6 +49,9 @@ LEARNED_S = 60.0
 """A rig has been learned when it has been known for so long not to be as its file says, and nothing is forgotten any
 more. What its outlets and valves are then is theirs for good, see `own_verdict.is_far`."""
 
+AGAIN_S = 20.0
+"""Such a rig need not be learned twice in this time. A drift of 10 mV/s was, thrice in 5 s, and then an outlet."""
+
 _OF_RIG = np.array([SCALE, SCALE + 1, *range(OUTLET, OUTLET + 4)])
 _RESULT = StepResult.empty()
 
@@ -160,10 +163,13 @@ def explains(config: DetectorConfig, m: Memory, onset: int, ratio: float) -> boo
     is_own = lead >= share * ratio and has_moved
     if not is_own and lead >= LATER_SHARE * ratio and m.t_s - m.begun_s <= REFUTE_S:
         is_own = own_verdict.moved_by(m, onset, own_verdict.BEFORE_PROVEN_S) >= own_verdict.MOVED_V
-    is_own = is_own and drifting.sensor(m, onset) is None and not own_verdict.is_far(m, wide.x)
-    if is_own:
-        become_main(m, wide)
-    return is_own
+    if is_own and m.learned is not None:
+        is_own = m.t_s - m.taught_s >= AGAIN_S and not own_verdict.is_far(m, wide.x)
+    if not is_own or drifting.sensor(m, onset) is not None:
+        return False
+    m.taught_s = m.t_s
+    become_main(m, wide)
+    return True
 
 
 def _begin(config: DetectorConfig, m: Memory) -> Wide:

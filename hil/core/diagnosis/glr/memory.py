@@ -353,6 +353,7 @@ class Memory:
     driven since; None when both are known to work. strength : pumps that were reported to give another share than the
     file says. steady_s : (2,) for how long a difference from that has been known. is_wide : whether the rig is proven
     not to be as its file says; proven_s : since when. learned : (N,) the state when such a rig had been learned.
+    taught_s : when a relearning filter took over the last time.
     calm_squares : mean_square by step modulo RING. told : the latest names. unknown : what nothing explains, while it
     goes on; unknown_s : for how long, fading afterwards; unknown_until_s : run time at which the last was over.
     """
@@ -399,6 +400,7 @@ class Memory:
     relearned_s: float = 0.0
     proven_s: float = inf
     learned: Array | None = None
+    taught_s: float = -inf
     calm_squares: list[float] = field(default_factory=lambda: [1.0] * RING)
     told: tuple[Told, ...] = ()
     unknown: Unknown | None = None

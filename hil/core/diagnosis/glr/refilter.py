@@ -160,7 +160,7 @@ def catch_up(model: FilterModel, history: History, replays: Replays, rows: int, 
     """Take the first `rows` filters on towards step `now`, by at most `budget` filter steps; how many are still to do.
 
     In the period in which a bias begins, the mean of that sensor's readings holds part of it only: what is learned of
-    the bias there is forgotten.
+    the bias there is forgotten. That is the first reading since the onset: an empty tank is not read before.
     """
     result = StepResult(np.zeros((MOVING, N)), np.zeros((N, 4)), np.zeros((4, 4)), np.zeros(4), np.zeros(4))
     left = 0
@@ -175,9 +175,11 @@ def catch_up(model: FilterModel, history: History, replays: Replays, rows: int, 
             grow(replays.x[j], replays.P[j], replays.target[j], entry[PERIOD])
             likelihood = filter_step(model, replays.x[j], replays.P[j], entry, result)
             replays.evidence[j] += likelihood - history.no_jump[at]
+            bias = replays.bias[j]
+            is_unread = bias >= 0 and replays.squares[j, bias] == 0.0
             _watch_misfit(entry, result, replays, j)
-            if replays.bias[j] >= 0 and replays.seen[j] == replays.onset[j] + 1:
-                _forget_bias(replays.P[j], BIAS + replays.bias[j])
+            if is_unread and replays.squares[j, bias] > 0.0:
+                _forget_bias(replays.P[j], BIAS + bias)
         left += now - replays.seen[j]
     return left
 
