@@ -193,6 +193,7 @@ CLASSES |= {
     "drawn_rigs": 1,
     "drawn_rigs_fault": 21,
     "drawn_rigs_drift": 16,
+    "drawn_rigs_growing": 32,
     "known_rigs": 1,
     "known_rigs_fault": 21,
 }
