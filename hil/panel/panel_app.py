@@ -152,8 +152,6 @@ class PanelApp(OperatorApp):
     def on_state(self, state: ShownState) -> None:
         """Draw a state."""
         has_grown = self.view.received(state, self._clock())
-        if not self.screen_stack:  # the panel closes: its screens are gone before its timers
-            return
         screen = self.screen_stack[0]
         screen.query_one(AlarmPage).show(state.alarms)
         screen.query_one("#tanks").refresh()
@@ -189,6 +187,8 @@ class PanelApp(OperatorApp):
             self.exit(
                 return_code=1, message="hil panel: the run's process is gone; the pump node goes to 0 V by itself"
             )
+            return
+        if not self.screen_stack:  # the panel closes: its screens are gone before its timers
             return
         screen = self.screen_stack[0]
         now_s = self._clock()

@@ -2,10 +2,12 @@
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
 from hil.bench import campaign_case, campaign_run
+from hil.campaigns.row import Row
 from hil.core.diagnosis.glr import first_day, isolation, own_verdict, verdict
 from hil.core.diagnosis.glr.memory import Declared
 from hil.core.diagnosis.glr.model import DRIFT, LAG, OUTLET, SPLIT
@@ -13,6 +15,15 @@ from tests.campaign.campaign_bench import CONFIG as CONFIG_DIR
 from tests.glr.test_glr_first_day import CONFIG, a_memory, near_each_other, number_of
 
 LATE_S = verdict.QUIET_S
+
+
+def run_on(seed: int, duration_s: float, *faults: dict[str, Any]) -> Row:
+    """A run on the drawn rig of this seed, which its file does not describe."""
+    options = campaign_run.CampaignOptions(seeds=1, first_seed=seed, duration_s=duration_s)
+    case = campaign_run.prepare(CONFIG_DIR / "campaigns" / "drawn_rigs.toml", options).cases[0]
+    if faults:
+        case = replace(case, scenario_data={**case.scenario_data, "fault": list(faults)})
+    return campaign_case.run_case(case, CONFIG_DIR)
 
 
 @pytest.mark.parametrize(
@@ -51,9 +62,7 @@ def test_what_has_died_away_when_the_time_is_over_has_no_name(least: float, *, i
 @pytest.mark.parametrize("seed", [69001, 69002, 69044])
 def test_drawn_rigs_that_once_had_a_question_or_wrong_names_have_none(seed: int) -> None:
     """After steps: a drift of 1 mV/s, a bias of 8 mV, and a leak of 3 % with which the learning ended, up to a trip."""
-    options = campaign_run.CampaignOptions(seeds=1, first_seed=seed, duration_s=300.0)
-    case = campaign_run.prepare(CONFIG_DIR / "campaigns" / "drawn_rigs.toml", options).cases[0]
-    row = campaign_case.run_case(case, CONFIG_DIR)
+    row = run_on(seed, 300.0)
     assert (row.false_alarms, row.questions, row.unknowns, row.trip_cause) == (0, 0, 0, "")
 
 
@@ -125,30 +134,39 @@ def test_a_rig_is_learned_when_nothing_is_forgotten_any_more(
     assert (m.learned is not None) is is_learned
 
 
-def test_an_outlet_that_clogs_on_a_drawn_rig_has_its_name() -> None:
-    options = campaign_run.CampaignOptions(seeds=1, first_seed=77002, duration_s=260.0)
-    case = campaign_run.prepare(CONFIG_DIR / "campaigns" / "drawn_rigs.toml", options).cases[0]
-    block = {"at_s": 214.6, "kind": "outlet_block", "target": 2, "value": 0.5, "ramp_s": 50.0}
-    case = replace(case, scenario_data={**case.scenario_data, "fault": [block]})
-    row = campaign_case.run_case(case, CONFIG_DIR)
-    assert (row.declared, row.false_alarms, row.spurious_alarms, row.trip_cause) == ("outlet_block 2", 0, 0, "")
-    assert row.spilled_cm3 == 0.0
-
-
-SLOW_DRIFTS = [
-    (65312, 236.3, -0.002, 290.0),
-    pytest.param(65312, 242.0, 0.001, 400.0, marks=pytest.mark.long),
-    pytest.param(65311, 233.7, 0.001, 480.0, marks=pytest.mark.long),
+GROWING = [
+    (77002, 260.0, {"at_s": 214.6, "kind": "outlet_block", "target": 2, "value": 0.5, "ramp_s": 50.0}),
+    pytest.param(
+        77001,
+        340.0,
+        {"at_s": 268.690628, "kind": "sensor_drift", "target": 2, "value": -0.05},
+        marks=pytest.mark.long,
+    ),
 ]
 
 
-@pytest.mark.parametrize(("seed", "at_s", "rate_V_s", "duration_s"), SLOW_DRIFTS)
-def test_a_slow_drift_on_a_drawn_rig_has_its_name(seed: int, at_s: float, rate_V_s: float, duration_s: float) -> None:
+@pytest.mark.parametrize(("seed", "duration_s", "fault"), GROWING)
+def test_a_fault_that_grows_on_a_drawn_rig_has_its_name(seed: int, duration_s: float, fault: dict[str, Any]) -> None:
+    """An outlet was learned in small steps; a drift was named a leak, and 599 cm3 went over the rim."""
+    row = run_on(seed, duration_s, fault)
+    assert (row.declared, row.false_alarms, row.spurious_alarms) == (f"{fault['kind']} 2", 0, 0)
+    assert (row.spilled_cm3, row.trip_cause) == (0.0, "")
+
+
+SLOW_DRIFTS = [
+    (65312, 236.3, 1, -0.002, 290.0),
+    (65311, 210.2, 3, 0.002, 225.0),
+    pytest.param(65312, 242.0, 1, 0.001, 400.0, marks=pytest.mark.long),
+    pytest.param(65311, 233.7, 1, 0.001, 480.0, marks=pytest.mark.long),
+    pytest.param(65315, 212.5, 3, 0.002, 240.0, marks=pytest.mark.long),
+]
+
+
+@pytest.mark.parametrize(("seed", "at_s", "sensor", "rate_V_s", "duration_s"), SLOW_DRIFTS)
+def test_a_slow_drift_on_a_drawn_rig_has_its_name(
+    seed: int, at_s: float, sensor: int, rate_V_s: float, duration_s: float
+) -> None:
     """It was learned as an outlet, again and again, or, at first a little too slow to be declared, as a lag."""
-    options = campaign_run.CampaignOptions(seeds=1, first_seed=seed, duration_s=duration_s)
-    case = campaign_run.prepare(CONFIG_DIR / "campaigns" / "drawn_rigs.toml", options).cases[0]
-    drift = {"at_s": at_s, "kind": "sensor_drift", "target": 1, "value": rate_V_s}
-    case = replace(case, scenario_data={**case.scenario_data, "fault": [drift]})
-    row = campaign_case.run_case(case, CONFIG_DIR)
-    assert (row.declared, row.false_alarms, row.spurious_alarms, row.trip_cause) == ("sensor_drift 1", 0, 0, "")
+    row = run_on(seed, duration_s, {"at_s": at_s, "kind": "sensor_drift", "target": sensor, "value": rate_V_s})
+    assert (row.declared, row.false_alarms, row.spurious_alarms, row.trip_cause) == (f"sensor_drift {sensor}", 0, 0, "")
     assert json.loads(row.alarms_json)[-1]["size"] == pytest.approx(rate_V_s, rel=0.15)

@@ -191,3 +191,10 @@ def test_the_panel_looks_as_it_did(size: str, tmp_path: Path) -> None:
     for name in differ:
         (tmp_path / f"{name}.svg").write_text(found[name])
     assert differ == [], f"see {tmp_path}"
+
+
+def test_a_panel_whose_screens_are_gone_draws_nothing(tmp_path: Path) -> None:
+    """Its timers may tick once more while it closes."""
+    app = Stage(tmp_path).app
+    assert not app.screen_stack
+    app.refresh_status()

@@ -55,8 +55,8 @@ def sensor(m: Memory, onset: int) -> int | None:
     if m.wide is None or m.wide.drifting is None:
         return None
     wide, own = m.wide, m.wide.drifting
-    now, start = m.now % RING, max(onset, wide.began, m.now - RING + 1) % RING
-    if own.lead[now] - own.lead[start] < max(LEAD, SHARE * (wide.lead[now] - wide.lead[start])):
+    least = max(LEAD, SHARE * wide.gained(wide.lead, onset, m.now))
+    if wide.gained(own.lead, onset, m.now) < least:
         return None
     stds = np.abs(own.x[DRIFT : DRIFT + 4]) / np.sqrt(own.P.diagonal()[DRIFT : DRIFT + 4])
     found = int(np.argmax(stds))

@@ -47,10 +47,10 @@ follows it for some steps. It is looked at every so many steps."""
 
 LEARNED_S = 60.0
 """A rig has been learned when it has been known for so long not to be as its file says, and nothing is forgotten any
-more. What its outlets and valves are then is theirs for good, see `own_verdict.is_far`."""
+more. Its outlets and valves stay what they are then, see `own_verdict.is_far`."""
 
 AGAIN_S = 20.0
-"""Such a rig need not be learned twice in this time. A drift of 10 mV/s was, thrice in 5 s, and then an outlet."""
+"""Such a rig need not be learned twice in this time. A drift of 10 mV/s was, three times in 5 s, then an outlet."""
 
 _OF_RIG = np.array([SCALE, SCALE + 1, *range(OUTLET, OUTLET + 4)])
 _RESULT = StepResult.empty()
@@ -158,7 +158,7 @@ def explains(config: DetectorConfig, m: Memory, onset: int, ratio: float) -> boo
         return False
     is_early = m.t_s - m.begun_s < config.tuning.first_learning_s
     has_moved = is_early or own_verdict.moved_by(m, onset) >= own_verdict.MOVED_V
-    lead = wide.lead[m.now % RING] - wide.lead[max(onset, wide.began, m.now - RING + 1) % RING]
+    lead = wide.gained(wide.lead, onset, m.now)
     share = PROVEN_SHARE if m.is_wide else WIDE_SHARE
     is_own = lead >= share * ratio and has_moved
     if not is_own and lead >= LATER_SHARE * ratio and m.t_s - m.begun_s <= REFUTE_S:

@@ -228,6 +228,10 @@ class Wide:
     relearned_s: float = 0.0
     refuted_s: float = inf
 
+    def gained(self, lead: list[float], onset: int, now: int) -> float:
+        """By how much a lead, its own or that of the filter beside it, has risen since a step, or since it began."""
+        return lead[now % RING] - lead[max(onset, self.began, now - RING + 1) % RING]
+
 
 class Strength(NamedTuple):
     """A pump that was reported to give another share than its file says, see `strength`: its alarm, and that share."""
