@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from functools import partial
 from pathlib import Path
@@ -122,6 +123,25 @@ def test_case_53_record_sink_stalls(tmp_path: Path, folder: RunFolder) -> None:
     assert ticks["recorder_queue"].max() > 1000
     (note,) = [event for event in read_events(folder.events_path) if event.code == "record_dropped"]
     assert note.data["dropped"] == health.dropped
+
+
+def test_the_end_of_a_run_reaches_a_recorder_whose_line_is_full(folder: RunFolder, tmp_path: Path) -> None:
+    """The last batch is taken and fills the line: the request to close the record was never sent again, and the record
+    of a whole run was given up after 90 s."""
+    go_on = tmp_path / "go_on"
+    with ProcessRecorder() as recorder:
+        recorder.open(folder, partial(misbehaving.open_stalling, folder, go_on))
+        recorder.frame(0.0, 0x100, b"")  # the recorder takes this one, and waits
+        recorder.event(0.0, Event(Severity.INFO, "ready", "rig is ready"))
+        while not recorder._queue:
+            recorder.event(0.0, Event(Severity.INFO, "", ""))
+        recorder._drop()
+        timer = threading.Timer(0.5, go_on.touch)
+        timer.start()
+        recorder.close("complete", "duration over", timeout_s=30.0)
+        timer.join()
+        assert recorder.health().errors == ()
+    assert folder.manifest().outcome == "complete"
 
 
 def test_a_full_disk_shows_in_health_and_never_raises_into_the_loop(folder: RunFolder) -> None:

@@ -156,12 +156,11 @@ class ProcessRecorder:
         """Finish the record. A recorder that is lost, or stuck for `timeout_s`, is given up; `run.json` says so."""
         self._hand_over()
         end_s = time.monotonic() + timeout_s
-        while self._queue and self._lost_at_s is None and time.monotonic() < end_s:
-            select.select([], [self._socket], [], 0.1)
-            self._send()
+        self._drain(end_s)
         if self._lost_at_s is None:
             self._append("close", status, reason, speed_x, self._dropped)
             self._hand_over()
+            self._drain(end_s)
             self._await_end(end_s)
         if self._lost_at_s is not None:
             self._finish_without(status, reason, speed_x)
@@ -198,6 +197,12 @@ class ProcessRecorder:
                 self._lose(f"the recorder is lost: {error.strerror}")
                 continue
             self._queued -= self._queue.popleft()[1]
+
+    def _drain(self, end_s: float) -> None:
+        """Wait until the socket has accepted all that is queued."""
+        while self._queue and self._lost_at_s is None and time.monotonic() < end_s:
+            select.select([], [self._socket], [], 0.1)
+            self._send()
 
     def _poll_status(self) -> None:
         """Read the recorder's status messages: how many entries it has taken, what has failed."""
