@@ -11,7 +11,7 @@ import pytest
 from hil.core.diagnosis.glr import ambiguity, drift_review
 from hil.core.diagnosis.glr.filter import ENTRY, PERIOD, VOLTAGE
 from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, ROWS, VARIANTS, H, drift_of, outlet_of
-from hil.core.diagnosis.glr.memory import Lost
+from hil.core.diagnosis.glr.memory_parts import Lost
 from hil.core.diagnosis.glr.model import BIAS, DRIFT, LEVEL, OUTLET, N
 from hil.core.diagnosis.glr.tuning import Tuning
 from hil.core.types import OpenQuestion

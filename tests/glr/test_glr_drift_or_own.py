@@ -9,7 +9,7 @@ import pytest
 from hil.bench import campaign_case, campaign_run
 from hil.campaigns.row import Row
 from hil.core.diagnosis.glr import first_day, isolation, own_verdict, verdict
-from hil.core.diagnosis.glr.memory import Declared
+from hil.core.diagnosis.glr.memory_parts import Declared
 from hil.core.diagnosis.glr.model import DRIFT, LAG, OUTLET, SPLIT
 from tests.campaign.campaign_bench import CONFIG as CONFIG_DIR
 from tests.glr.test_glr_first_day import CONFIG, a_memory, near_each_other, number_of

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from hil.core.diagnosis.glr import drifting, first_day, verdict
-from hil.core.diagnosis.glr.memory import Drifting, Memory, Suspicion, Wide
+from hil.core.diagnosis.glr.memory import Memory
+from hil.core.diagnosis.glr.memory_parts import Drifting, Suspicion, Wide
 from hil.core.diagnosis.glr.model import DRIFT, GAIN, LEAK, OUTLET
 from hil.core.types import Measurement
 from tests.glr.glr_bench import DETECTOR, Plant

@@ -6,7 +6,8 @@ import pytest
 from hil.core.diagnosis.glr import declaration, first_day, isolation, kernels, own_verdict, wide_filter
 from hil.core.diagnosis.glr.filter import PERIOD, READING, VARIANCE, VOLTAGE, WEIGHT, StepResult
 from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, jumps_of
-from hil.core.diagnosis.glr.memory import Declared, Lost, Memory, Suspicion, Wide
+from hil.core.diagnosis.glr.memory import Memory
+from hil.core.diagnosis.glr.memory_parts import Declared, Lost, Suspicion, Wide
 from hil.core.diagnosis.glr.model import BIAS, GAIN, LAG, LEAK, OUTLET, PUMP, SCALE, ZONE, N
 from hil.core.types import Measurement
 from tests.glr.glr_bench import DETECTOR

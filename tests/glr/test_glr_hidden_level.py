@@ -11,7 +11,7 @@ import pytest
 
 from hil.core.diagnosis.glr import hidden_level
 from hil.core.diagnosis.glr.hypotheses import BOTH, ROWS, drift_of, outlet_of
-from hil.core.diagnosis.glr.memory import Hidden
+from hil.core.diagnosis.glr.memory_parts import Hidden
 from hil.core.diagnosis.glr.model import DRIFT, LEVEL, N
 from hil.core.diagnosis.glr.tuning import Tuning
 from tests.glr.glr_bench import Fault, play, put

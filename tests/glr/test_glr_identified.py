@@ -4,7 +4,8 @@ import pytest
 
 from hil.core.diagnosis.glr import identified
 from hil.core.diagnosis.glr.hypotheses import JUMPS
-from hil.core.diagnosis.glr.memory import Declared, Memory
+from hil.core.diagnosis.glr.memory import Memory
+from hil.core.diagnosis.glr.memory_parts import Declared
 from hil.core.diagnosis.glr.model import GAIN, LEAK, OUTLET, SCALE, SPLIT
 from hil.core.types import Measurement
 from tests.glr.glr_bench import DETECTOR, MODEL

@@ -4,7 +4,8 @@ import pytest
 
 from hil.core.diagnosis.glr import possible
 from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS
-from hil.core.diagnosis.glr.memory import Memory, Suspicion
+from hil.core.diagnosis.glr.memory import Memory
+from hil.core.diagnosis.glr.memory_parts import Suspicion
 from hil.core.diagnosis.glr.model import BIAS, GAIN, OUTLET, SPLIT
 from hil.core.types import Measurement
 from tests.glr.glr_bench import DETECTOR, MODEL

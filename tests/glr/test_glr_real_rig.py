@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.core.diagnosis.glr import inflow_check
+from hil.core.diagnosis.glr.detector_config import DetectorConfig
 from hil.core.diagnosis.glr.filter import PERIOD, READING, VOLTAGE
-from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
+from hil.core.diagnosis.glr.memory import Memory
 from hil.core.diagnosis.glr.model import GAIN, LAG, LEAK, LEVEL, MOVING, OUTLET, PUMP, SCALE, SPLIT, N, predict
 from hil.core.diagnosis.glr.tuning import Tuning
 from hil.core.sensors import LevelSensors

@@ -6,7 +6,8 @@ import pytest
 
 from hil.core.diagnosis.glr import declaration, strength
 from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE
-from hil.core.diagnosis.glr.memory import Memory, Suspicion, Wide
+from hil.core.diagnosis.glr.memory import Memory
+from hil.core.diagnosis.glr.memory_parts import Suspicion, Wide
 from hil.core.diagnosis.glr.model import PUMP, SCALE, ZONE
 from hil.core.types import Alarm, Measurement
 from tests.glr.glr_bench import DETECTOR

@@ -9,7 +9,8 @@ import pytest
 
 from hil.core.diagnosis.glr import stuck_check
 from hil.core.diagnosis.glr.filter import READING, VARIANCE, VOLTAGE
-from hil.core.diagnosis.glr.memory import Declared, Memory, StuckCheck
+from hil.core.diagnosis.glr.memory import Memory
+from hil.core.diagnosis.glr.memory_parts import Declared, StuckCheck
 from hil.core.diagnosis.glr.tuning import Tuning
 from hil.core.types import Measurement
 from tests.glr.glr_bench import DETECTOR, NO_ESTIMATE, PERIOD_S

@@ -7,7 +7,8 @@ from math import isfinite
 import pytest
 
 from hil.core.diagnosis.glr import settling, unknown
-from hil.core.diagnosis.glr.memory import Declared, Memory
+from hil.core.diagnosis.glr.memory import Memory
+from hil.core.diagnosis.glr.memory_parts import Declared
 from hil.core.types import Alarm, Measurement
 from tests.glr.glr_bench import ALL, DETECTOR, Plant, play, put
 from tests.narrowing import not_none, quad

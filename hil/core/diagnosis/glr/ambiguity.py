@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from hil.core.diagnosis.glr.detector_config import DetectorConfig
 from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE
 from hil.core.diagnosis.glr.hypotheses import ALL, JUMPS, H, drift_of, jumps_of, outlet_of
-from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
+from hil.core.diagnosis.glr.memory import Memory
 from hil.core.diagnosis.glr.model import BIAS, DRIFT, LEVEL, OUTLET, Array
 from hil.core.types import OpenQuestion
 

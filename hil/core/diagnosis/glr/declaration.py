@@ -8,10 +8,12 @@ from __future__ import annotations
 from math import inf, nan, sqrt
 
 from hil.core.diagnosis.glr import growth, inflow_check, strength, stuck_check
+from hil.core.diagnosis.glr.detector_config import DetectorConfig
 from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE
 from hil.core.diagnosis.glr.growth import NO_GROWTH
 from hil.core.diagnosis.glr.hypotheses import BOTH, JUMPS, LAGS, PUMPS, SPLITS, jumps_of
-from hil.core.diagnosis.glr.memory import Declared, DetectorConfig, Lost, Memory, Suspicion
+from hil.core.diagnosis.glr.memory import Memory
+from hil.core.diagnosis.glr.memory_parts import Declared, Lost, Suspicion
 from hil.core.diagnosis.glr.model import BIAS, DRIFT, GAIN, LAG, LEAK, OUTLET, PUMP, RATE, SPLIT, Array
 from hil.core.types import UNRESOLVED, Alarm, Pair
 

@@ -22,9 +22,10 @@ from statistics import NormalDist
 import numpy as np
 
 from hil.core.diagnosis.glr import kernels
+from hil.core.diagnosis.glr.detector_config import DetectorConfig
 from hil.core.diagnosis.glr.filter import ENTRY, PERIOD, READING, VARIANCE, VOLTAGE, WEIGHT
 from hil.core.diagnosis.glr.hypotheses import JUMPS, PUMPS
-from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
+from hil.core.diagnosis.glr.memory import Memory
 from hil.core.diagnosis.glr.model import BIAS, LEVEL, MOVING, Array, N
 from hil.core.diagnosis.glr.tuning import Tuning
 from hil.core.tanks import TankModel, equilibrium

@@ -14,9 +14,11 @@ import numpy as np
 
 from hil.core.diagnosis.glr import declaration
 from hil.core.diagnosis.glr.ambiguity import MEAN_S, MOVED_V
+from hil.core.diagnosis.glr.detector_config import DetectorConfig
 from hil.core.diagnosis.glr.filter import PERIOD, READING, VOLTAGE
 from hil.core.diagnosis.glr.hypotheses import JUMPS, H, outlet_of
-from hil.core.diagnosis.glr.memory import DetectorConfig, Lost, Memory, Rival, Suspicion
+from hil.core.diagnosis.glr.memory import Memory
+from hil.core.diagnosis.glr.memory_parts import Lost, Rival, Suspicion
 from hil.core.diagnosis.glr.model import BIAS, DRIFT, LEVEL, OUTLET
 from hil.core.types import Alarm, Measurement
 

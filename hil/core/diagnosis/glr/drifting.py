@@ -11,9 +11,11 @@ from __future__ import annotations
 import numpy as np
 
 from hil.core.diagnosis.glr import wide_filter
+from hil.core.diagnosis.glr.detector_config import DetectorConfig
 from hil.core.diagnosis.glr.filter import PERIOD, StepResult
 from hil.core.diagnosis.glr.hypotheses import JUMPS, drift_of, jumps_of
-from hil.core.diagnosis.glr.memory import DetectorConfig, Drifting, Memory, Suspicion, Wide
+from hil.core.diagnosis.glr.memory import Memory
+from hil.core.diagnosis.glr.memory_parts import Drifting, Suspicion, Wide
 from hil.core.diagnosis.glr.model import BIAS, DRIFT, Array
 from hil.core.diagnosis.glr.refilter import RING
 

@@ -19,9 +19,11 @@ from math import inf
 import numpy as np
 
 from hil.core.diagnosis.glr import drifting, own_verdict, wide_filter
+from hil.core.diagnosis.glr.detector_config import DetectorConfig
 from hil.core.diagnosis.glr.filter import PERIOD, StepResult
 from hil.core.diagnosis.glr.hypotheses import BOTH, LAGS, PUMPS
-from hil.core.diagnosis.glr.memory import DetectorConfig, Memory, Wide
+from hil.core.diagnosis.glr.memory import Memory
+from hil.core.diagnosis.glr.memory_parts import Wide
 from hil.core.diagnosis.glr.model import GAIN, OUTLET, PUMP, SCALE, ZONE, Array
 from hil.core.diagnosis.glr.refilter import RING
 

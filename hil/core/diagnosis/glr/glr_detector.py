@@ -30,10 +30,11 @@ from hil.core.diagnosis.glr import (
     unknown,
     wide_filter,
 )
+from hil.core.diagnosis.glr.detector_config import DetectorConfig
 from hil.core.diagnosis.glr.filter import DOUBT, PERIOD
 from hil.core.diagnosis.glr.growth import NO_GROWTH
 from hil.core.diagnosis.glr.hypotheses import PUMPS
-from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
+from hil.core.diagnosis.glr.memory import Memory
 from hil.core.diagnosis.glr.model import LAG, LEVEL
 from hil.core.diagnosis.glr.refilter import RING
 from hil.core.diagnosis.glr.tuning import Tuning

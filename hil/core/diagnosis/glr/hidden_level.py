@@ -11,8 +11,10 @@ from math import inf, sqrt
 
 from hil.core.diagnosis.glr import ambiguity
 from hil.core.diagnosis.glr.ambiguity import LOWER
+from hil.core.diagnosis.glr.detector_config import DetectorConfig
 from hil.core.diagnosis.glr.hypotheses import JUMPS, drift_of, jumps_of
-from hil.core.diagnosis.glr.memory import DetectorConfig, Hidden, Memory
+from hil.core.diagnosis.glr.memory import Memory
+from hil.core.diagnosis.glr.memory_parts import Hidden
 from hil.core.diagnosis.glr.model import DRIFT, LEVEL, Array
 from hil.core.types import Pair
 

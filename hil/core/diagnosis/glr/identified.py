@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from hil.core.diagnosis.glr.detector_config import DetectorConfig
 from hil.core.diagnosis.glr.hypotheses import JUMPS, PUMPS
-from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
+from hil.core.diagnosis.glr.memory import Memory
 from hil.core.diagnosis.glr.model import BIAS, GAIN, LEAK, OUTLET, SCALE, SPLIT, Array
 from hil.core.types import Waterways
 

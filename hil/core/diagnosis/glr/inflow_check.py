@@ -9,8 +9,9 @@ from math import isfinite, sqrt
 
 import numpy as np
 
+from hil.core.diagnosis.glr.detector_config import DetectorConfig
 from hil.core.diagnosis.glr.filter import PERIOD, READING, VOLTAGE
-from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
+from hil.core.diagnosis.glr.memory import Memory
 from hil.core.diagnosis.glr.refilter import RING
 
 WINDOW_S = 1.0

@@ -20,8 +20,10 @@ from hil.core.diagnosis.glr import (
     verdict,
 )
 from hil.core.diagnosis.glr.ambiguity import NO_EVIDENCE
+from hil.core.diagnosis.glr.detector_config import DetectorConfig
 from hil.core.diagnosis.glr.hypotheses import ALL, BOTH, PLAIN, ROWS, VARIANTS, H, jumps_of
-from hil.core.diagnosis.glr.memory import DetectorConfig, Memory, Suspicion
+from hil.core.diagnosis.glr.memory import Memory
+from hil.core.diagnosis.glr.memory_parts import Suspicion
 from hil.core.diagnosis.glr.model import Array
 from hil.core.types import Alarm
 

@@ -10,9 +10,10 @@ import numpy as np
 
 from hil.core.diagnosis.glr import kernels
 from hil.core.diagnosis.glr.bank import MAX_AGE, SLOTS
+from hil.core.diagnosis.glr.detector_config import DetectorConfig
 from hil.core.diagnosis.glr.filter import PERIOD
 from hil.core.diagnosis.glr.hypotheses import ALL, JUMPS, ROWS, VARIANTS, H, Variant, jumps_of
-from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
+from hil.core.diagnosis.glr.memory import Memory
 from hil.core.diagnosis.glr.model import BIAS, DRIFT, OUTLET
 from hil.core.diagnosis.glr.refilter import Replays
 

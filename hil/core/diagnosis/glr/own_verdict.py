@@ -13,9 +13,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from hil.core.diagnosis.glr import drifting
+from hil.core.diagnosis.glr.detector_config import DetectorConfig
 from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE
 from hil.core.diagnosis.glr.hypotheses import ALL, BOTH, JUMPS, LAGS, PUMPS, jumps_of
-from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
+from hil.core.diagnosis.glr.memory import Memory
 from hil.core.diagnosis.glr.model import BIAS, GAIN, LAG, LEAK, OUTLET, SCALE, SPLIT, Array
 from hil.core.diagnosis.glr.refilter import RING
 from hil.core.diagnosis.glr.strength import REPORT_S

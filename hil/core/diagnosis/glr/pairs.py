@@ -11,8 +11,9 @@ import numpy as np
 
 from hil.core.diagnosis.glr import ambiguity, onsets, unknown
 from hil.core.diagnosis.glr.ambiguity import NO_EVIDENCE
+from hil.core.diagnosis.glr.detector_config import DetectorConfig
 from hil.core.diagnosis.glr.hypotheses import ALL, BOTH, PLAIN, jumps_of
-from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
+from hil.core.diagnosis.glr.memory import Memory
 from hil.core.diagnosis.glr.model import Array
 
 MIN_RATIO = 2.0

@@ -7,9 +7,10 @@ one of them could not hold, see `hil.core.worst_target`.
 from __future__ import annotations
 
 from hil.core.diagnosis.glr import declaration, identified
+from hil.core.diagnosis.glr.detector_config import DetectorConfig
 from hil.core.diagnosis.glr.hypotheses import ALL, JUMPS, LAGS, PUMPS, SPLITS, jumps_of
 from hil.core.diagnosis.glr.isolation import OPEN_MARGIN
-from hil.core.diagnosis.glr.memory import DetectorConfig, Memory
+from hil.core.diagnosis.glr.memory import Memory
 from hil.core.diagnosis.glr.model import BIAS, GAIN, OUTLET, SPLIT
 from hil.core.types import Pair, PossibleRig
 

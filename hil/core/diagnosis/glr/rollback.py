@@ -5,8 +5,10 @@ from __future__ import annotations
 from math import nan
 
 from hil.core.diagnosis.glr import bank, kernels
+from hil.core.diagnosis.glr.detector_config import DetectorConfig
 from hil.core.diagnosis.glr.filter import PERIOD, READING, VARIANCE
-from hil.core.diagnosis.glr.memory import Declared, DetectorConfig, Memory
+from hil.core.diagnosis.glr.memory import Memory
+from hil.core.diagnosis.glr.memory_parts import Declared
 from hil.core.diagnosis.glr.refilter import RING
 
 SAME_STEPS = 5

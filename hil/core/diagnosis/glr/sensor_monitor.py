@@ -7,9 +7,11 @@ from math import isfinite, nan, sqrt
 from typing import NamedTuple
 
 from hil.core.diagnosis.glr import rollback
+from hil.core.diagnosis.glr.detector_config import DetectorConfig
 from hil.core.diagnosis.glr.filter import PERIOD, READING, VARIANCE
 from hil.core.diagnosis.glr.hypotheses import JUMPS
-from hil.core.diagnosis.glr.memory import Declared, DetectorConfig, Lost, Memory
+from hil.core.diagnosis.glr.memory import Memory
+from hil.core.diagnosis.glr.memory_parts import Declared, Lost
 from hil.core.diagnosis.glr.model import BIAS, DRIFT
 from hil.core.diagnosis.glr.refilter import RING
 from hil.core.diagnosis.glr.sensor_statistics import NOISY_PERIODS, OPEN_RUN

@@ -18,9 +18,11 @@ from hil.core.diagnosis.glr import (
     unknown,
     verdict,
 )
+from hil.core.diagnosis.glr.detector_config import DetectorConfig
 from hil.core.diagnosis.glr.growth import NO_GROWTH
 from hil.core.diagnosis.glr.hypotheses import JUMPS, PUMPS, jumps_of
-from hil.core.diagnosis.glr.memory import Checkpoint, DetectorConfig, Memory, Suspicion
+from hil.core.diagnosis.glr.memory import Memory
+from hil.core.diagnosis.glr.memory_parts import Checkpoint, Suspicion
 from hil.core.diagnosis.glr.model import Array
 from hil.core.diagnosis.glr.refilter import Replays
 from hil.core.types import Alarm

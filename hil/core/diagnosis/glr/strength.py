@@ -13,7 +13,8 @@ import numpy as np
 from hil.core.diagnosis.glr import kernels
 from hil.core.diagnosis.glr.filter import PERIOD, VOLTAGE
 from hil.core.diagnosis.glr.hypotheses import PUMPS
-from hil.core.diagnosis.glr.memory import Memory, Strength
+from hil.core.diagnosis.glr.memory import Memory
+from hil.core.diagnosis.glr.memory_parts import Strength
 from hil.core.diagnosis.glr.model import BEND, GAIN, PUMP, SCALE, ZONE, Array
 from hil.core.types import Alarm, Pair
 

@@ -17,10 +17,12 @@ from dataclasses import replace
 import numpy as np
 
 from hil.core.diagnosis.glr import kernels
+from hil.core.diagnosis.glr.detector_config import DetectorConfig
 from hil.core.diagnosis.glr.filter import DOUBT, VOLTAGE
 from hil.core.diagnosis.glr.growth import BOTH_GAINS
 from hil.core.diagnosis.glr.hypotheses import GROWTH_STD
-from hil.core.diagnosis.glr.memory import DetectorConfig, Memory, StuckCheck
+from hil.core.diagnosis.glr.memory import Memory
+from hil.core.diagnosis.glr.memory_parts import StuckCheck
 from hil.core.diagnosis.glr.model import GAIN, PUMP, RATE, Array
 from hil.core.types import Alarm
 

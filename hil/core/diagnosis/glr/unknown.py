@@ -20,10 +20,12 @@ from math import isfinite, nan, sqrt
 import numpy as np
 
 from hil.core.diagnosis.glr import declaration, kernels
+from hil.core.diagnosis.glr.detector_config import DetectorConfig
 from hil.core.diagnosis.glr.filter import PERIOD, READING, WALK, StepResult, whitened
 from hil.core.diagnosis.glr.growth import NO_GROWTH
 from hil.core.diagnosis.glr.hypotheses import JUMPS, jumps_of
-from hil.core.diagnosis.glr.memory import Checkpoint, DetectorConfig, Memory, Suspicion, Told, Unknown
+from hil.core.diagnosis.glr.memory import Memory
+from hil.core.diagnosis.glr.memory_parts import Checkpoint, Suspicion, Told, Unknown
 from hil.core.diagnosis.glr.model import BIAS, LEVEL, PUMP, Array, N
 from hil.core.diagnosis.glr.noise_learning import RATIO
 from hil.core.diagnosis.glr.refilter import RING

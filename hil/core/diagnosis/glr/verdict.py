@@ -13,9 +13,11 @@ import numpy as np
 from hil.core.diagnosis.glr import ambiguity, drifting, onsets, own_verdict, pairs, unknown
 from hil.core.diagnosis.glr.ambiguity import NO_EVIDENCE
 from hil.core.diagnosis.glr.declaration import IDLE_V
+from hil.core.diagnosis.glr.detector_config import DetectorConfig
 from hil.core.diagnosis.glr.filter import VOLTAGE
 from hil.core.diagnosis.glr.hypotheses import ALL, BOTH, JUMPS, PUMPS, VARIANTS, H, jumps_of
-from hil.core.diagnosis.glr.memory import DetectorConfig, Memory, Suspicion
+from hil.core.diagnosis.glr.memory import Memory
+from hil.core.diagnosis.glr.memory_parts import Suspicion
 from hil.core.diagnosis.glr.model import BIAS, DRIFT, GAIN, Array
 from hil.core.diagnosis.glr.refilter import Replays
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 from math import exp, sqrt
 
 from hil.core.diagnosis.glr import kernels
+from hil.core.diagnosis.glr.detector_config import DetectorConfig
 from hil.core.diagnosis.glr.filter import VOLTAGE, StepResult
-from hil.core.diagnosis.glr.memory import DetectorConfig
 from hil.core.diagnosis.glr.model import BEND, LAG, PUMP, ZONE, Array
 
 STILL_V = 0.1
