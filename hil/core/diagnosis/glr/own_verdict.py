@@ -56,6 +56,9 @@ rigs of 30 minutes they differed by 0.07 and 0.01 at most; an outlet that clogge
 
 DRIFTS = "sensor_drift"
 
+OF_PUMPS = (*PUMPS, BOTH, *LAGS)
+"""What differs since the first readings where the pumps are not as in the file."""
+
 
 def is_own(config: DetectorConfig, m: Memory, winner: int) -> bool:
     """Whether a verdict says what the rig has always been, so that it is learned and not reported.
@@ -71,7 +74,7 @@ def is_own(config: DetectorConfig, m: Memory, winner: int) -> bool:
         return True
     onset = int(r.onset[winner])
     sizes = [float(r.x[winner, state] - r.before[winner, state]) for state in states]
-    if max(states) < LEAK and winner in (*PUMPS, BOTH, *LAGS) and is_learned_on(m) and is_from_begin(m, onset):
+    if winner in OF_PUMPS and is_learned_on(m) and is_from_begin(m, onset):
         spans = [config.wide_prior[state if winner in LAGS else SCALE + state - GAIN] for state in states]
         return all(abs(size) <= OWN_STDS * span for size, span in zip(sizes, spans, strict=True))
     return _is_small(config, m, winner, onset, sizes, float(r.x[winner, states[0]]))
@@ -90,11 +93,14 @@ def may_be_own(config: DetectorConfig, m: Memory) -> bool:
     """Whether the verdict on what the bank has just found may be that it is the rig's own, see `own_instead`.
 
     On a rig that is proven not to be as its file says, the likeliest fault of pumps, valves and tanks may be, if no
-    sensor's leads it by the margin.
+    sensor's leads it by the margin. On any other, only what differs since the first readings where the pumps are not as
+    in the file, and only if nothing else is likelier.
     """
     ratio = m.best.ratio
     if not m.is_wide:
-        return False
+        near = [n for n in OF_PUMPS if ratio[n] > max(m.max_ratio - config.tuning.margin, 0.0)]
+        begin = any(is_from_begin(m, int(m.bank.onset[m.best.slot[n]])) for n in near)
+        return begin and int(np.argmax(ratio)) in OF_PUMPS and is_learned_on(m)
     leader = max((n for n in range(BOTH + 1) if not _is_sensor(n)), key=lambda n: float(ratio[n]))
     if ratio[leader] <= 0.0 or float(ratio[leader]) < m.max_ratio - config.tuning.margin:
         return False
@@ -125,13 +131,16 @@ def leads_as_own(config: DetectorConfig, m: Memory, evidence: Array) -> int | No
 
 
 def own_near(config: DetectorConfig, m: Memory, leader: int) -> int | None:
-    """The same beside any likeliest fault."""
-    if not m.is_wide:
-        return None
+    """The same beside any likeliest fault; where the likeliest is one of the pumps, on any rig, see `may_be_own`."""
     r = m.replays
     least = float(r.evidence[leader]) - config.tuning.margin
     alive = (n for n in range(ALL) if not r.dropped[n] and float(r.evidence[n]) >= least)
-    near = [n for n in alive if is_own(config, m, n) or _is_lag_that_shows(m, n)]
+    if m.is_wide:
+        near = [n for n in alive if is_own(config, m, n) or _is_lag_that_shows(m, n)]
+    elif leader in OF_PUMPS:
+        near = [n for n in alive if n in OF_PUMPS and is_from_begin(m, int(r.onset[n])) and is_own(config, m, n)]
+    else:
+        near = []
     return max(near, key=lambda n: float(r.evidence[n]), default=None)
 
 
