@@ -112,6 +112,28 @@ def test_a_part_of_what_was_learned_is_forgotten_and_the_prior_is_kept() -> None
     assert P[SCALE, SCALE] == pytest.approx(1.0 / (1.0 / 0.2**2 + 270.0))
 
 
+@pytest.mark.parametrize(
+    ("t_s", "driven_V", "is_wide", "is_own"),
+    [
+        (290.0, (5.1, 5.1), False, True),
+        (310.0, (5.1, 5.1), False, False),
+        (310.0, (5.1, 4.9), False, True),
+        (310.0, (5.1, 5.1), True, True),
+    ],
+)
+def test_a_rig_that_has_shown_to_be_as_its_file_says_is_not_another_one_later(
+    t_s: float, driven_V: tuple[float, float], *, is_wide: bool, is_own: bool
+) -> None:
+    """A pump that stood still when it lost a quarter of its gain was learned without a word (known rig 70302)."""
+    m = a_memory(15.0, 0.6)
+    for voltages in ((3.0, 3.0), driven_V):
+        m.applied_V = voltages
+        first_day.step(CONFIG, m, 0.0)
+    assert m.wide is not None
+    m.wide.lead[300], m.t_s, m.is_wide = 15.0, t_s, is_wide
+    assert first_day.explains(CONFIG, m, 290, 20.0) is is_own
+
+
 def number_of(state: int) -> int:
     return next(number for number, jump in enumerate(JUMPS) if jump.state == state)
 

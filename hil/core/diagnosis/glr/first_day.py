@@ -47,6 +47,11 @@ REFUTED_STDS, REFUTE_S, REFUTE_HOLD_S, REFUTE_STEPS = 3.0, 300.0, 5.0, 10
 off, within this time: later that is a fault that grows. And for so long: before a large fault is found, the filter
 follows it for some steps. It is looked at every so many steps."""
 
+CONFIRMED_V = 2.0
+"""A rig is as its file says if REFUTE_S have passed without a refutation, and each pump was driven over so many volts.
+What differs then is a fault. A pump that lost a quarter of its gain while it stood still was once taken for the rig's
+own, 900 s after the start."""
+
 LEARNED_S = 60.0
 """A rig has been learned when it has been known for so long not to be as its file says, and nothing is forgotten any
 more. Its outlets and valves stay what they are then, see `own_verdict.is_far`."""
@@ -61,6 +66,8 @@ _RESULT = StepResult.empty()
 def step(config: DetectorConfig, m: Memory, log_likelihood: float) -> None:
     """One step of the wide filter. log_likelihood : of this step's readings in the main filter, as it has just been."""
     tuning = config.tuning
+    if m.now % REFUTE_STEPS == 0:
+        _note_voltages(m)
     if m.is_wide:
         age_s = m.now * float(m.entry[PERIOD])
         is_due = age_s >= max(2.0 * m.relearned_s, tuning.relearn_from_s)
@@ -88,6 +95,19 @@ def step(config: DetectorConfig, m: Memory, log_likelihood: float) -> None:
         wide.relearned_s = age_s
     if not m.is_wide and m.now % REFUTE_STEPS == 0:
         _watch_file(config, m, wide)
+
+
+def _note_voltages(m: Memory) -> None:
+    """Keep the least and the greatest voltage that each pump was driven by."""
+    for j, voltage_V in enumerate(m.applied_V):
+        low, high = m.driven_V[j]
+        m.driven_V[j] = (min(low, voltage_V), max(high, voltage_V))
+
+
+def _is_confirmed(m: Memory) -> bool:
+    """Whether the rig has shown that it is as its file says."""
+    is_driven = all(high - low >= CONFIRMED_V for low, high in m.driven_V)
+    return not m.is_wide and is_driven and m.t_s - m.begun_s > REFUTE_S
 
 
 def _is_learned(m: Memory) -> bool:
@@ -156,7 +176,7 @@ def explains(config: DetectorConfig, m: Memory, onset: int, ratio: float) -> boo
     grows while the voltages rest is no matter of the rig's own parameters.
     """
     wide = m.wide
-    if wide is None:
+    if wide is None or _is_confirmed(m):
         return False
     is_early = m.t_s - m.begun_s < config.tuning.first_learning_s
     has_moved = is_early or own_verdict.moved_by(m, onset) >= own_verdict.MOVED_V

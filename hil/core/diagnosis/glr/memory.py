@@ -60,7 +60,8 @@ class Memory:
     driven since; None when both are known to work. strength : pumps that were reported to give another share than the
     file says. steady_s : (2,) for how long a difference from that has been known. is_wide : whether the rig is proven
     not to be as its file says; proven_s : since when. learned : (N,) the state when such a rig had been learned.
-    taught_s : when a relearning filter took over the last time.
+    taught_s : when a relearning filter took over the last time. driven_V : the least and the greatest voltage of each
+    pump so far.
     calm_squares : mean_square by step modulo RING. told : the latest names. unknown : what nothing explains, while it
     goes on; unknown_s : for how long, fading afterwards; unknown_until_s : run time at which the last was over.
     """
@@ -108,6 +109,7 @@ class Memory:
     proven_s: float = inf
     learned: Array | None = None
     taught_s: float = -inf
+    driven_V: list[Pair] = field(default_factory=lambda: [(inf, -inf)] * 2)
     calm_squares: list[float] = field(default_factory=lambda: [1.0] * RING)
     told: tuple[Told, ...] = ()
     unknown: Unknown | None = None
