@@ -38,6 +38,8 @@ from hil.core.types import Action, Command, Event, Inputs, Mode, NodeState, Pair
 OFF = Command((0.0, 0.0), enable=False)
 CLEAR = Command((0.0, 0.0), enable=False, clear_trip=True)
 OPERATOR = "operator"
+RAMP_END_V = 0.01
+"""What a ramp leaves below this is off: several steps of a pump node's converter, and nothing that turns a pump."""
 
 ALLOWED_ACTIONS = {
     Mode.DISARMED: (Action.BYPASS, Action.STOP),
@@ -116,7 +118,9 @@ def safe_command(limits: Limits, state: Supervision, wanted_V: Pair, period_s: f
     if mode is Mode.STOPPING:
         step_V = limits.stop_ramp_V_s * period_s
         voltage = (max(state.command_V[0] - step_V, 0.0), max(state.command_V[1] - step_V, 0.0))
-        return _with_command(state, voltage), (OFF if voltage == (0.0, 0.0) else Command(voltage, enable=True))
+        if max(voltage) < RAMP_END_V:
+            return _with_command(state, (0.0, 0.0)), OFF
+        return _with_command(state, voltage), Command(voltage, enable=True)
     if not mode.moves_pumps:
         return _with_command(state, (0.0, 0.0)), OFF
     wanted1, wanted2 = state.manual_V if mode is Mode.MANUAL else wanted_V

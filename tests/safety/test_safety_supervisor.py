@@ -305,6 +305,18 @@ def test_a_stop_ramps_both_pumps_down_and_then_disables_them() -> None:
     assert [c.enable for c in commands] == [True, True, False, False, False, False]
 
 
+@pytest.mark.parametrize("from_V", [2.8, 3.2004])
+def test_a_ramp_ends_disabled_and_not_with_a_command_of_less_than_the_wire_can_say(from_V: float) -> None:
+    """2.8 V in steps of 0.4 leaves 1e-16 V, which was sent as 0 V, enabled."""
+    state = Supervision(Mode.STOPPING, None, (from_V, 1.0))
+    limits = replace(LIMITS, stop_ramp_V_s=20.0)
+    commands = []
+    for _ in range(10):
+        state, command = supervisor.safe_command(limits, state, (0.0, 0.0), 0.02)
+        commands.append(command)
+    assert [c.enable for c in commands] == [max(c.voltage_V) > 0.3 for c in commands]
+
+
 def test_a_ramp_begins_at_the_last_command() -> None:
     state, command = supervisor.safe_command(LIMITS, Supervision(Mode.RUNNING, None, (4.0, 5.0)), (4.5, 4.0), 0.1)
     stopping, _ = supervisor.next_mode(LIMITS, state, replace(HEALTHY, stop_requested=True), NOW_NS)
