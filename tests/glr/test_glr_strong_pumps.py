@@ -2,10 +2,11 @@
 
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 
 from tests.glr.glr_bench import MODEL, Plant, play
-from tests.narrowing import not_none
+from tests.narrowing import not_none, pair
 
 AT_S = 20.0
 
@@ -26,6 +27,25 @@ def test_a_pump_that_gives_more_is_told_as_effectiveness_above_1_and_used(share:
     }
     assert log.last.diagnosis.effectiveness == pytest.approx(share, abs=0.02)
     assert log.last.law_memory.feedback.effectiveness == pytest.approx(share, abs=0.03), "the law divides by it"
+    assert not any(any(state.diagnosis.stuck_on) for state in log.states)
+
+
+class SluggishPlant(Plant):
+    """Pumps with two lags of the same length, which no single lag describes."""
+
+    def __init__(self, seed: int, lag_s: float) -> None:
+        super().__init__(seed, lag_s=lag_s)
+        self.shaft_V = np.zeros(2)
+
+    def _move(self, pump_V: tuple[float, float], duration_s: float) -> None:
+        self.shaft_V += (np.array(pump_V) - self.shaft_V) * (1.0 - np.exp(-duration_s / self.lag_s))
+        super()._move(pair(self.shaft_V), duration_s)
+
+
+def test_a_pump_that_follows_late_is_not_stuck() -> None:
+    """It was called stuck as soon as its voltage had moved."""
+    loses = (40.0, give(0.5, 1.0))
+    log = play(1, 60.0, (loses,), ((5.0, 0.3), (20.0, -0.3)), plant=SluggishPlant(1, lag_s=3.0))
     assert not any(any(state.diagnosis.stuck_on) for state in log.states)
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from hil.core import supervisor
 from hil.core.interlocks import INTERLOCKS, Belief
-from hil.core.supervisor import CLEAR, OFF, Supervision
+from hil.core.supervisor import CLEAR, OFF, RAMP_END_V, Supervision
 from hil.core.types import Action, Command, Diagnosis, Inputs, Mode, NodeState, Pair, Request, Severity, TripCause
 from tests.safety.safety_bench import FAULTS, HEALTHY, LIMITS, READY, but, level
 
@@ -305,16 +305,22 @@ def test_a_stop_ramps_both_pumps_down_and_then_disables_them() -> None:
     assert [c.enable for c in commands] == [True, True, False, False, False, False]
 
 
-@pytest.mark.parametrize("from_V", [2.8, 3.2004])
-def test_a_ramp_ends_disabled_and_not_with_a_command_of_less_than_the_wire_can_say(from_V: float) -> None:
+@pytest.mark.parametrize("from_V", [(2.8, 1.0), (1.0, 2.8), (3.2004, 0.3)])
+def test_a_ramp_ends_disabled_and_not_with_a_command_of_less_than_the_wire_can_say(from_V: Pair) -> None:
     """2.8 V in steps of 0.4 leaves 1e-16 V, which was sent as 0 V, enabled."""
-    state = Supervision(Mode.STOPPING, None, (from_V, 1.0))
+    state = Supervision(Mode.STOPPING, None, from_V)
     limits = replace(LIMITS, stop_ramp_V_s=20.0)
-    commands = []
     for _ in range(10):
         state, command = supervisor.safe_command(limits, state, (0.0, 0.0), 0.02)
-        commands.append(command)
-    assert [c.enable for c in commands] == [max(c.voltage_V) > 0.3 for c in commands]
+        assert min(command.voltage_V) >= 0.0
+        assert command.enable == (max(command.voltage_V) > 0.3)
+        assert state.command_V == command.voltage_V
+
+
+def test_a_ramp_goes_on_as_long_as_a_pump_has_its_end_voltage() -> None:
+    held = replace(LIMITS, stop_ramp_V_s=0.0)
+    _, command = supervisor.safe_command(held, Supervision(Mode.STOPPING, None, (RAMP_END_V, 0.0)), (0.0, 0.0), 0.1)
+    assert command == Command((RAMP_END_V, 0.0), enable=True)
 
 
 def test_a_ramp_begins_at_the_last_command() -> None:

@@ -129,7 +129,8 @@ class StuckCheck:
 
     pump : 0 or 1. voltage_V : at which it gave that flow. evidence : log-likelihood ratio against the main filter.
     until_s : run time at which the check ends. growing_x, growing_P, growing_evidence : the same of a gain that goes on
-    changing at a constant rate.
+    changing at a constant rate. moved_since_s : since when the voltage has been elsewhere, inf if it is not.
+    patience_s : for so long it has to be there.
     """
 
     pump: int
@@ -138,12 +139,14 @@ class StuckCheck:
     onset_s: float
     until_s: float
     voltage_V: float
+    patience_s: float
     x: Array
     P: Array
     growing_x: Array
     growing_P: Array
     evidence: float = 0.0
     growing_evidence: float = 0.0
+    moved_since_s: float = inf
 
 
 @dataclass(slots=True)

@@ -3,7 +3,8 @@
 A pump that is stuck at some flow looks like one with another gain until its voltage changes. So after each change of a
 gain a filter in which that pump's flow stays as it was continues beside the main filter, which follows the voltage
 with the gain that was found. The law moves the voltage by what the pump lost or gained, and that tells the two apart:
-either the flow has followed, and the check ends, or it has not. Another change of the gain meanwhile is credited to
+either the flow has followed, and the check ends, or it has not. A slow pump is given time: its flow may begin to
+follow later than a single lag says. Another change of the gain meanwhile is credited to
 the main filter, with the evidence that it was declared for.
 
 A pump that goes on fading while its voltage rises gives a constant flow, too. So a third filter continues in which the
@@ -13,6 +14,7 @@ gain changes at a constant rate, and the constant flow must explain the readings
 from __future__ import annotations
 
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 
@@ -23,11 +25,15 @@ from hil.core.diagnosis.glr.growth import BOTH_GAINS
 from hil.core.diagnosis.glr.hypotheses import GROWTH_STD
 from hil.core.diagnosis.glr.memory import Memory
 from hil.core.diagnosis.glr.memory_parts import StuckCheck
-from hil.core.diagnosis.glr.model import GAIN, PUMP, RATE, Array
+from hil.core.diagnosis.glr.model import GAIN, LAG, PUMP, RATE, Array
 from hil.core.types import Alarm
 
 STUCK_MOVED = 0.15
 """A pump is called stuck only when its voltage has moved by this share and its flow has not."""
+
+SLOW_S, STUCK_LAGS = 1.0, 2.0
+"""A pump with a longer lag than this is called stuck only when its voltage has been there for so many lags. The lag is
+that of before the movement: a flow that does not follow makes it longer."""
 
 MIN_VOLTAGE_V = 0.1
 
@@ -47,6 +53,7 @@ def begin(config: DetectorConfig, m: Memory, pump: int, number: int, detected_s:
     x[GAIN + pump] *= float(x[PUMP + pump]) / flow_V
     x[PUMP + pump] = flow_V
     growing_x, growing_P = _growing(m)
+    lag_s = float(config.model.lag_s[pump] * m.x[LAG + pump])
     m.stuck_checks[pump] = StuckCheck(
         pump=pump,
         number=number,
@@ -54,6 +61,7 @@ def begin(config: DetectorConfig, m: Memory, pump: int, number: int, detected_s:
         onset_s=onset_s,
         until_s=until_s,
         voltage_V=voltage_V,
+        patience_s=STUCK_LAGS * lag_s if lag_s > SLOW_S else 0.0,
         x=x,
         P=m.P.copy(),
         growing_x=growing_x,
@@ -82,13 +90,14 @@ def judge(
     """The alarm that a pump is stuck; the check ends with it, when it is refuted, and when its time is over."""
     detect = config.tuning.detect
     p.evidence += stuck_likelihood - log_likelihood
-    moved = abs(float(m.entry[VOLTAGE + p.pump]) - p.voltage_V) / p.voltage_V
-    is_refuted = p.evidence < -detect and moved >= STUCK_MOVED
+    has_moved = abs(float(m.entry[VOLTAGE + p.pump]) - p.voltage_V) >= STUCK_MOVED * p.voltage_V
+    p.moved_since_s = min(p.moved_since_s, m.t_s) if has_moved else inf
+    is_refuted = p.evidence < -detect and has_moved
     if is_refuted or m.t_s > p.until_s or p.pump not in m.declared:
         del m.stuck_checks[p.pump]
         return []
     needed = max(detect + max(p.growing_evidence, 0.0), _best_rival(m))
-    if p.evidence < needed or moved < STUCK_MOVED:
+    if p.evidence < needed or m.t_s - p.moved_since_s < p.patience_s:
         return []
     del m.stuck_checks[p.pump]
     fault = m.declared[p.pump]
