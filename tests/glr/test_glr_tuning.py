@@ -11,6 +11,7 @@ from hil.core.diagnosis.glr import stuck_check
 from hil.core.diagnosis.glr.filter import READING, VARIANCE, VOLTAGE
 from hil.core.diagnosis.glr.memory import Memory
 from hil.core.diagnosis.glr.memory_parts import Declared, StuckCheck
+from hil.core.diagnosis.glr.model import LAG
 from hil.core.diagnosis.glr.tuning import Tuning
 from hil.core.types import Measurement
 from tests.glr.glr_bench import DETECTOR, NO_ESTIMATE, PERIOD_S
@@ -75,6 +76,7 @@ def a_stuck_check(memory: Memory, pump: int) -> StuckCheck:
         onset_s=19.5,
         until_s=memory.t_s + 5.0,
         voltage_V=3.0,
+        patience_s=0.0,
         x=memory.x.copy(),
         P=memory.P.copy(),
         growing_x=memory.x.copy(),
@@ -107,3 +109,28 @@ def test_a_gain_that_goes_on_changing_must_be_less_likely_than_a_stuck_pump(grow
     memory.entry[VOLTAGE] = 1.2 * check.voltage_V
     enough = 1.01 * DETECTOR.config.tuning.detect
     assert bool(stuck_check.judge(DETECTOR.config, memory, check, 0.0, enough)) is is_stuck
+
+
+def test_a_slow_pump_is_judged_when_its_voltage_has_been_elsewhere_for_two_lags() -> None:
+    memory = a_memory()
+    lag_s = 1.5
+    memory.x[LAG] = lag_s / DETECTOR.config.model.lag_s[0]
+    memory.declared[0] = Declared("pump_effectiveness", -0.4, 1.0, 7, 20.0, 21.0)
+    stuck_check.begin(DETECTOR.config, memory, 0, 7, 20.0, 19.5)
+    check, begun_s, told_at_s = memory.stuck_checks[0], memory.t_s, []
+    for at_s, elsewhere in ((0.5, True), (1.5, False), (2.0, True), (4.9, True), (5.1, True)):
+        memory.t_s = begun_s + at_s
+        memory.x[LAG] = 9.0  # a flow that does not follow makes the lag longer; that does not count
+        memory.entry[VOLTAGE] = (1.2 if elsewhere else 1.0) * check.voltage_V
+        if stuck_check.judge(DETECTOR.config, memory, check, 0.0, DETECTOR.config.tuning.detect):
+            told_at_s.append(at_s)
+            break
+    assert told_at_s == [5.1]
+
+
+@pytest.mark.parametrize(("lag_s", "patience_s"), [(0.2, 0.0), (0.99, 0.0), (1.01, 2.02)])
+def test_a_fast_pump_is_judged_at_once(lag_s: float, patience_s: float) -> None:
+    memory = a_memory()
+    memory.x[LAG + 1] = lag_s / DETECTOR.config.model.lag_s[1]
+    stuck_check.begin(DETECTOR.config, memory, 1, 7, 20.0, 19.5)
+    assert memory.stuck_checks[1].patience_s == pytest.approx(patience_s)
