@@ -9,7 +9,7 @@ import pytest
 from hil.bench import campaign_case, campaign_run
 from hil.campaigns.row import Row
 from hil.core.diagnosis.glr import first_day, isolation, own_verdict, verdict
-from hil.core.diagnosis.glr.memory_parts import Declared
+from hil.core.diagnosis.glr.memory_parts import Declared, Suspicion
 from hil.core.diagnosis.glr.model import DRIFT, LAG, OUTLET, SPLIT
 from tests.campaign.campaign_bench import CONFIG as CONFIG_DIR
 from tests.glr.test_glr_first_day import CONFIG, a_memory, near_each_other, number_of
@@ -72,6 +72,33 @@ def test_a_pump_that_differs_since_the_first_readings_is_learned_without_a_quest
     names = [(alarm["kind"], alarm["target"]) for alarm in json.loads(row.alarms_json)]
     assert (row.false_alarms, row.questions) == (0, 0)
     assert sorted(names) == [("pump_effectiveness", 1), ("pump_effectiveness", 2)]
+
+
+def test_a_weak_question_on_an_unknown_rig_is_not_asked_before_it_has_had_time_to_die_away() -> None:
+    """A pump just above its dead zone: an outlet or a drift was in question for 7 s, and was neither."""
+    row = run_on(76433, 140.0)
+    names = [(alarm["kind"], alarm["target"]) for alarm in json.loads(row.alarms_json)]
+    assert (row.false_alarms, row.questions) == (0, 0)
+    assert names == [("pump_effectiveness", 2)]
+
+
+@pytest.mark.parametrize(
+    ("evidence", "open_s", "is_wide", "is_told"),
+    [
+        (39.9, 9.9, True, False),
+        (40.1, 9.9, True, True),
+        (39.9, 10.1, True, True),
+        (39.9, 0.1, False, True),
+    ],
+)
+def test_a_strong_question_or_an_old_one_is_asked(
+    evidence: float, open_s: float, *, is_wide: bool, is_told: bool
+) -> None:
+    m = near_each_other((OUTLET, -0.3, evidence))
+    m.is_wide, m.t_s = is_wide, 400.0
+    m.suspicion = Suspicion(number=None, detected_s=m.t_s - open_s, is_quiet=True, leader=number_of(OUTLET))
+    isolation._speak(CONFIG, m, m.suspicion)
+    assert (m.suspicion.number is not None) is is_told
 
 
 @pytest.mark.parametrize(

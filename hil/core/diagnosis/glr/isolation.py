@@ -36,6 +36,10 @@ FIRST_S = 2.0
 START_QUIET_S = 1.0
 """In a start phase, which an open alarm ends, no alarm is kept back for longer."""
 
+WEAK, HELD_S = 2.0, 10.0
+"""On a rig that is not as its file says a question with less than so many times the evidence for an alarm is kept back
+for so long: most of those that were asked for nothing had died away by then. A name that is found meanwhile is told."""
+
 FAR_BEHIND = 0.25
 """A hypothesis with less than this share of the leader's ratio has no onset worth its own replay."""
 
@@ -45,12 +49,14 @@ def suspect(config: DetectorConfig, m: Memory) -> None:
 
     Hypotheses with much smaller ratios begin at the leader's onset: theirs may be long ago, and long replays cost time.
     If the leader may be a fault that is known already, no alarm is raised before the verdict; if it may be the rig's
-    own, not for a short time.
+    own, or is weak on a rig that is not as its file says, not for a short time.
     """
     leader = int(np.argmax(m.best.ratio))
-    m.suspicion = Suspicion(number=None, detected_s=m.t_s, is_quiet=own_verdict.may_be_own(config, m))
+    is_new = not any(j in m.declared for j in jumps_of(leader))
+    is_quiet = own_verdict.may_be_own(config, m) or (is_new and _is_weak(config, m, m.max_ratio))
+    m.suspicion = Suspicion(number=None, detected_s=m.t_s, is_quiet=is_quiet)
     drifting.watch(m, m.suspicion, int(m.bank.onset[m.best.slot[leader]]))
-    if not m.suspicion.is_quiet and not any(j in m.declared for j in jumps_of(leader)):
+    if not is_quiet and is_new:
         m.alarms += 1
         m.suspicion.number = m.alarms
     slots = []
@@ -116,8 +122,12 @@ def _has_died_away(config: DetectorConfig, m: Memory) -> bool:
     return not m.is_doubtful and float(m.replays.evidence[:ALL].max()) < config.tuning.detect
 
 
+def _is_weak(config: DetectorConfig, m: Memory, evidence: float) -> bool:
+    return m.is_wide and evidence < WEAK * config.tuning.detect
+
+
 def _speak(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> None:
-    """Raise the alarm of a quiet suspicion when nothing that may be the rig's own is near the likeliest fault.
+    """Raise the alarm of a quiet suspicion when nothing that may be the rig's own is near, and it is strong or old.
 
     What is near a sensor's fault counts for the first seconds only.
     """
@@ -128,7 +138,8 @@ def _speak(config: DetectorConfig, m: Memory, suspicion: Suspicion) -> None:
         may_be_own = own_verdict.own_near(config, m, suspicion.leader) is not None
     else:
         may_be_own = verdict.own_instead(config, m, suspicion.leader, open_s) is not None
-    if may_be_own and not (is_start and open_s >= START_QUIET_S):
+    is_held = open_s < HELD_S and _is_weak(config, m, float(m.replays.evidence[:ALL].max()))
+    if (may_be_own or is_held) and not (is_start and open_s >= START_QUIET_S):
         return
     m.alarms += 1
     suspicion.quiet_s = m.t_s - suspicion.detected_s

@@ -23,7 +23,7 @@ def rigs(config: DetectorConfig, m: Memory) -> tuple[PossibleRig, ...]:
     suspicion = m.suspicion
     if suspicion is None or suspicion.number is None or suspicion.leader is None:
         return ()
-    if m.t_s - suspicion.detected_s < STANDS_S:
+    if m.t_s - suspicion.detected_s + suspicion.quiet_s < STANDS_S:
         return ()
     r = m.replays
     least = float(r.evidence[suspicion.leader]) - OPEN_MARGIN
