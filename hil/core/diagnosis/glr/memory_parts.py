@@ -21,8 +21,9 @@ class Suspicion:
     before the replays have found one. is_told : whether it was reported that candidates remain after the time for it.
     sharpen_at : step from which other onsets may be tried again.
     mean_V : (2,) slow mean of the pumps' voltages; moved_s : for how long a pump was away from it.
-    is_quiet : whether no alarm was raised because it may be the rig's own, see `first_day`. quiet_s : for how long that
-    was so before the alarm. drift : the sensor, from 0, whose drift has been in question since, see `drifting`.
+    is_quiet : whether no alarm was raised because it may be the rig's own, see `first_day`, or because it is weak on a
+    rig that is not as its file says. quiet_s : for how long that was so before the alarm. drift : the sensor, from 0,
+    whose drift has been in question since, see `drifting`.
     """
 
     number: int | None
