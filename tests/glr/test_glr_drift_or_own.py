@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from hil.bench import campaign_case, campaign_run
@@ -71,7 +72,7 @@ def test_a_pump_that_differs_since_the_first_readings_is_learned_without_a_quest
     row = run_on(76257, 60.0)
     names = [(alarm["kind"], alarm["target"]) for alarm in json.loads(row.alarms_json)]
     assert (row.false_alarms, row.questions) == (0, 0)
-    assert sorted(names) == [("pump_effectiveness", 1), ("pump_effectiveness", 2)]
+    assert names == [("pump_effectiveness", 1)]
 
 
 def test_a_weak_question_on_an_unknown_rig_is_not_asked_before_it_has_had_time_to_die_away() -> None:
@@ -167,6 +168,30 @@ def test_a_rig_is_learned_when_nothing_is_forgotten_any_more(
     m.proven_s = age_s - known_s
     first_day.step(CONFIG, m, 0.0)
     assert (m.learned is not None) is is_learned
+
+
+@pytest.mark.parametrize("state", [SPLIT + 1, OUTLET + 2])
+def test_an_outlet_is_learned_once_it_is_known_well_enough(state: int) -> None:
+    """One that was known to 6 % while the tanks filled was 11 % off: all that was learned later was a fault."""
+    far = own_verdict.FAR_SPLIT if state < LAG else own_verdict.FAR_OUTLET
+    m = a_memory(0.0, 0.0)
+    values = ((1.0 + 2.0 * far, 0.26 * far), (1.0 + 0.1 * far, 0.24 * far), (1.0, 0.1 * far))
+    for value, std in values:
+        m.x[state], m.P[state, state] = value, std**2
+        first_day._keep_learned(m)
+    assert m.learned is not None
+    assert m.learned[state] == pytest.approx(1.0 + 0.1 * far)
+    m.x[state] = 1.0 + 2.0 * far
+    assert own_verdict.is_far(m, m.x)
+    m.learned[state] = np.nan
+    assert not own_verdict.is_far(m, m.x), "not known yet"
+
+
+@pytest.mark.parametrize("seed", [78317, 78506, pytest.param(78325, marks=pytest.mark.long)])
+def test_drawn_rigs_that_once_had_wrong_names_at_their_first_steps_have_none(seed: int) -> None:
+    """Two were taken as learned while their tanks filled; on the third a leak led since the first reading."""
+    row = run_on(seed, 150.0)
+    assert (row.false_alarms, row.questions, row.unknowns, row.trip_cause) == (0, 0, 0, "")
 
 
 GROWING = [

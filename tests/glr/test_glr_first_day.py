@@ -103,6 +103,22 @@ def test_at_first_a_lag_that_the_file_does_not_have_may_show_for_some_seconds(
     assert first_day.explains(CONFIG, m, 290, 20.0) is is_own
 
 
+@pytest.mark.parametrize(
+    ("lead", "step", "t_s", "is_own"),
+    [(-0.5, 105, 30.0, True), (-1.5, 105, 30.0, False), (-0.5, 95, 30.0, False), (-0.5, 105, 301.0, False)],
+)
+def test_at_first_what_the_wide_filter_gains_since_a_step_counts_even_if_the_fault_seems_older(
+    lead: float, step: int, t_s: float, *, is_own: bool
+) -> None:
+    """A rig had rested for 90 s, in which room for so much cost the wide filter 16; then a leak since the start led."""
+    m = a_memory(lead, 0.0)
+    assert m.wide is not None
+    m.t_s, m.wide.lead[1:150] = t_s, [-5.0] * 149
+    m.wide.lead[150:300] = [-16.0] * 150
+    m.history.entries[:step, VOLTAGE] = 4.0
+    assert first_day.explains(CONFIG, m, 0, 20.0) is is_own
+
+
 def test_a_part_of_what_was_learned_is_forgotten_and_the_prior_is_kept() -> None:
     prior = np.zeros(N)
     prior[SCALE] = 0.2

@@ -9,7 +9,7 @@ Then a filter beside it that believes less of what was learned takes its place, 
 
 A filter with so much to learn linearises about values that are far off at first. So it forgets a part of what it has
 learned at each doubling of its age in the first minute or two.
-Why: `docs/decisions/0028-model-error.md`.
+Why: `docs/decisions/0028-model-error.md`, `docs/decisions/0062-known-before-it-is-kept.md`.
 """
 
 from __future__ import annotations
@@ -24,15 +24,17 @@ from hil.core.diagnosis.glr.filter import PERIOD, StepResult
 from hil.core.diagnosis.glr.hypotheses import BOTH, LAGS, PUMPS
 from hil.core.diagnosis.glr.memory import Memory
 from hil.core.diagnosis.glr.memory_parts import Wide
-from hil.core.diagnosis.glr.model import GAIN, OUTLET, PUMP, SCALE, ZONE, Array
+from hil.core.diagnosis.glr.model import GAIN, OUTLET, PUMP, SCALE, SPLIT, ZONE, Array
 from hil.core.diagnosis.glr.refilter import RING
 
 WIDE_SHARE = 0.5
 """It is enough that the wide filter has this share of the likeliest fault's evidence: it explains what follows, too."""
 
 LATER_SHARE = 0.75
-"""The same for what begins some seconds after a step, in the time in which a rig shows what it is: a pump with three
-times the file's lag gives water for as long."""
+"""The same in the time in which a rig shows what it is, for what begins some seconds after a step, as a pump with three
+times the file's lag gives water for as long; and for what seems older than the step, if the wide filter has gained as
+much since then. Before it, all that the wide filter shows is what more room costs: on a rig at rest for 90 s that was
+16, and a leak since the first reading was named that led it by 17."""
 
 PROVEN_SHARE = 0.35
 """The same on a rig that is proven not to be as its file says. At the alarm, errors of its model had shares of 0.3 to
@@ -52,14 +54,16 @@ CONFIRMED_V = 2.0
 What differs then is a fault. A pump that lost a quarter of its gain while it stood still was once taken for the rig's
 own, 900 s after the start."""
 
-LEARNED_S = 60.0
+LEARNED_S, KNOWN_SHARE = 60.0, 0.25
 """A rig has been learned when it has been known for so long not to be as its file says, and nothing is forgotten any
-more. Its outlets and valves stay what they are then, see `own_verdict.is_far`."""
+more. Its outlets and valves stay what they are then, see `own_verdict.is_far`, or once their standard deviations are at
+most this share of what they may differ by: while tanks still fill, an outlet was known to 6 %, and was 11 % off."""
 
 AGAIN_S = 20.0
 """Such a rig need not be learned twice in this time. A drift of 10 mV/s was, three times in 5 s, then an outlet."""
 
-_OF_RIG = np.array([SCALE, SCALE + 1, *range(OUTLET, OUTLET + 4)])
+_SPLITS, _OUTLETS = np.arange(SPLIT, SPLIT + 2), np.arange(OUTLET, OUTLET + 4)
+_OF_RIG = np.array([SCALE, SCALE + 1, *_OUTLETS])
 _RESULT = StepResult.empty()
 
 
@@ -76,8 +80,8 @@ def step(config: DetectorConfig, m: Memory, log_likelihood: float) -> None:
             m.relearned_s = age_s
             m.restart_bank()
             return
-        if m.learned is None and age_s >= tuning.relearn_until_s and _is_learned(m):
-            m.learned = m.x.copy()
+        if m.now % REFUTE_STEPS == 0 and age_s >= tuning.relearn_until_s and _is_learned(m):
+            _keep_learned(m)
         if m.wide is not None and m.max_ratio < tuning.calm and _is_old(m, m.wide):
             m.wide = None
     if m.wide is None:
@@ -113,6 +117,16 @@ def _is_confirmed(m: Memory) -> bool:
 def _is_learned(m: Memory) -> bool:
     """Whether a rig that is not as its file says has been known for long enough, and no fault of its process is."""
     return m.t_s - m.proven_s >= LEARNED_S and m.suspicion is None and own_verdict.is_learned_on(m)
+
+
+def _keep_learned(m: Memory) -> None:
+    """Keep the splits and outlets that are known well enough by now, each as it is when it is first."""
+    if m.learned is None:
+        m.learned = np.full(len(m.x), np.nan)
+    for places, far in ((_SPLITS, own_verdict.FAR_SPLIT), (_OUTLETS, own_verdict.FAR_OUTLET)):
+        is_known = np.sqrt(m.P[places, places]) <= KNOWN_SHARE * far
+        is_new = np.isnan(m.learned[places]) & is_known
+        m.learned[places[is_new]] = m.x[places[is_new]]
 
 
 def _watch_file(config: DetectorConfig, m: Memory, wide: Wide) -> None:
@@ -183,8 +197,8 @@ def explains(config: DetectorConfig, m: Memory, onset: int, ratio: float) -> boo
     lead = wide.gained(wide.lead, onset, m.now)
     share = PROVEN_SHARE if m.is_wide else WIDE_SHARE
     is_own = lead >= share * ratio and has_moved
-    if not is_own and lead >= LATER_SHARE * ratio and m.t_s - m.begun_s <= REFUTE_S:
-        is_own = own_verdict.moved_by(m, onset, own_verdict.BEFORE_PROVEN_S) >= own_verdict.MOVED_V
+    if not is_own and m.t_s - m.begun_s <= REFUTE_S:
+        is_own = _shows_after_step(m, wide, onset, ratio)
     if is_own and m.learned is not None:
         is_own = m.t_s - m.taught_s >= AGAIN_S and not own_verdict.is_far(m, wide.x)
     if not is_own or drifting.sensor(m, onset) is not None:
@@ -192,6 +206,14 @@ def explains(config: DetectorConfig, m: Memory, onset: int, ratio: float) -> boo
     m.taught_s = m.t_s
     become_main(m, wide)
     return True
+
+
+def _shows_after_step(m: Memory, wide: Wide, onset: int, ratio: float) -> bool:
+    """Whether the wide filter has gained nearly as much since a step of the voltages, at the onset or after it."""
+    lowest = wide.lowest(onset, m.now)
+    if wide.gained(wide.lead, lowest, m.now) < LATER_SHARE * ratio:
+        return False
+    return own_verdict.moved_by(m, lowest, own_verdict.BEFORE_PROVEN_S) >= own_verdict.MOVED_V
 
 
 def _begin(config: DetectorConfig, m: Memory) -> Wide:

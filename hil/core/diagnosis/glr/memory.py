@@ -59,9 +59,9 @@ class Memory:
     the latest verdict. unproven : the pump that was at rest when the other one failed, and for how long it has been
     driven since; None when both are known to work. strength : pumps that were reported to give another share than the
     file says. steady_s : (2,) for how long a difference from that has been known. is_wide : whether the rig is proven
-    not to be as its file says; proven_s : since when. learned : (N,) the state when such a rig had been learned.
-    taught_s : when a relearning filter took over the last time. driven_V : the least and the greatest voltage of each
-    pump so far.
+    not to be as its file says; proven_s : since when. learned : (N,) what such a rig's splits and outlets were when
+    they had been learned, not a number before; None before any. taught_s : when a relearning filter took over the last
+    time. driven_V : the least and the greatest voltage of each pump so far.
     calm_squares : mean_square by step modulo RING. told : the latest names. unknown : what nothing explains, while it
     goes on; unknown_s : for how long, fading afterwards; unknown_until_s : run time at which the last was over.
     """

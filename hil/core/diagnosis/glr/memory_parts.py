@@ -115,6 +115,10 @@ class Wide:
         """By how much a lead, its own or that of the filter beside it, has risen since a step, or since it began."""
         return lead[now % RING] - lead[max(onset, self.began, now - RING + 1) % RING]
 
+    def lowest(self, onset: int, now: int) -> int:
+        """The step since another at which its lead was least; the first of them."""
+        return min(range(max(onset, self.began, now - RING + 1), now + 1), key=lambda step: self.lead[step % RING])
+
 
 class Strength(NamedTuple):
     """A pump that was reported to give another share than its file says, see `strength`: its alarm, and that share."""

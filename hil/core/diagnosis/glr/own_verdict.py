@@ -182,8 +182,8 @@ def is_far(m: Memory, x: Array) -> bool:
     """Whether outlets or splits of this state (N,) are not those of the rig as it was learned: then a fault grows."""
     if m.learned is None:
         return False
-    off = np.abs(x[SPLIT:LEAK] / m.learned[SPLIT:LEAK] - 1.0)
-    return bool(off[: LAG - SPLIT].max() > FAR_SPLIT or off[OUTLET - SPLIT :].max() > FAR_OUTLET)
+    off = np.abs(x[SPLIT:LEAK] / m.learned[SPLIT:LEAK] - 1.0)  # not a number while it is not known well enough
+    return bool((off[: LAG - SPLIT] > FAR_SPLIT).any() or (off[OUTLET - SPLIT :] > FAR_OUTLET).any())
 
 
 def is_learned_on(m: Memory) -> bool:
