@@ -10,7 +10,7 @@ import pytest
 from hil.core.diagnosis.glr import stuck_check
 from hil.core.diagnosis.glr.filter import READING, VARIANCE, VOLTAGE
 from hil.core.diagnosis.glr.memory import Memory
-from hil.core.diagnosis.glr.memory_parts import Declared, StuckCheck
+from hil.core.diagnosis.glr.memory_parts import Declared, StuckCheck, Suspicion
 from hil.core.diagnosis.glr.model import LAG
 from hil.core.diagnosis.glr.tuning import Tuning
 from hil.core.types import Measurement
@@ -109,6 +109,38 @@ def test_a_gain_that_goes_on_changing_must_be_less_likely_than_a_stuck_pump(grow
     memory.entry[VOLTAGE] = 1.2 * check.voltage_V
     enough = 1.01 * DETECTOR.config.tuning.detect
     assert bool(stuck_check.judge(DETECTOR.config, memory, check, 0.0, enough)) is is_stuck
+
+
+@pytest.mark.parametrize(("number", "ended"), [(None, []), (8, [8])])
+def test_an_alarm_that_is_open_when_a_pump_is_found_stuck_ends_without_a_name(
+    number: int | None, ended: list[int]
+) -> None:
+    """Its flow that did not follow was the lag of the same pump as well, in 12 of 29 runs."""
+    memory = a_memory()
+    check = a_stuck_check(memory, 0)
+    memory.suspicion = Suspicion(number=number, detected_s=memory.t_s)
+    memory.replays.dropped[:] = 1
+    memory.entry[VOLTAGE] = 1.2 * check.voltage_V
+    stuck, *others = stuck_check.judge(DETECTOR.config, memory, check, 0.0, 1.01 * DETECTOR.config.tuning.detect)
+    assert stuck.kind == "pump_stuck_on"
+    assert not memory.suspicion
+    assert [alarm.number for alarm in others if alarm.is_recovery] == ended
+    assert [alarm.candidates for alarm in others] == [("pump_stuck_on 1",)] * len(ended)
+
+
+def test_nothing_else_is_found_beside_a_stuck_pump() -> None:
+    """The run trips, and the filter believes that the flow follows the voltage."""
+    memory = a_memory()
+    memory.declared[0] = Declared("pump_stuck_on", 2.0, 1.0, 7, 20.0, 21.0)
+    reading = Measurement((6.2, 6.4, 0.8, 0.7), (True,) * 4, 0.0, 5, (0.0,) * 4, (0.0,) * 4)
+    for number in range(300, 330):
+        memory, diagnosis = DETECTOR.step(memory, number * PERIOD_S, reading, NO_ESTIMATE, (0.0, 3.0))
+        assert diagnosis.new_alarms == ()
+    assert memory.max_ratio > DETECTOR.config.tuning.detect
+    assert not memory.is_wide
+    del memory.declared[0]
+    memory, _ = DETECTOR.step(memory, 330 * PERIOD_S, reading, NO_ESTIMATE, (0.0, 3.0))
+    assert memory.suspicion is not None or memory.is_wide
 
 
 def test_a_slow_pump_is_judged_when_its_voltage_has_been_elsewhere_for_two_lags() -> None:

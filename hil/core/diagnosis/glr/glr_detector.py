@@ -110,6 +110,7 @@ class GlrDetector:
         if m.lost and m.unknown is None:
             alarms += sensor_monitor.readmit(config, m, measurement)
         is_found = m.suspicion is None and m.unknown is None and own_verdict.is_above_limit(config, m)
+        is_found = is_found and not stuck_check.has_found(m)
         if is_found and t_s - m.begun_s >= config.tuning.settle_s and not first_day.explains_alarm(config, m):
             isolation.suspect(config, m)
         ambiguity.watch_movement(m)

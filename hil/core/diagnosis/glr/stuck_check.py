@@ -18,7 +18,7 @@ from math import inf
 
 import numpy as np
 
-from hil.core.diagnosis.glr import kernels
+from hil.core.diagnosis.glr import declaration, kernels
 from hil.core.diagnosis.glr.detector_config import DetectorConfig
 from hil.core.diagnosis.glr.filter import DOUBT, VOLTAGE
 from hil.core.diagnosis.glr.growth import BOTH_GAINS
@@ -27,6 +27,8 @@ from hil.core.diagnosis.glr.memory import Memory
 from hil.core.diagnosis.glr.memory_parts import StuckCheck
 from hil.core.diagnosis.glr.model import GAIN, LAG, PUMP, RATE, Array
 from hil.core.types import Alarm
+
+STUCK_ON = "pump_stuck_on"
 
 STUCK_MOVED = 0.15
 """A pump is called stuck only when its voltage has moved by this share and its flow has not."""
@@ -84,6 +86,11 @@ def step(config: DetectorConfig, m: Memory, log_likelihood: float) -> list[Alarm
     return alarms
 
 
+def has_found(m: Memory) -> bool:
+    """Whether a pump is stuck. The run trips; and the filter follows the voltage, so that what it misses is no news."""
+    return any(fault.kind == STUCK_ON for fault in m.declared.values())
+
+
 def judge(
     config: DetectorConfig, m: Memory, p: StuckCheck, log_likelihood: float, stuck_likelihood: float
 ) -> list[Alarm]:
@@ -100,22 +107,35 @@ def judge(
     if p.evidence < needed or m.t_s - p.moved_since_s < p.patience_s:
         return []
     del m.stuck_checks[p.pump]
+    alarm = _declare(config, m, p)
+    return [alarm, *_end_suspicion(m, alarm)]
+
+
+def _declare(config: DetectorConfig, m: Memory, p: StuckCheck) -> Alarm:
     fault = m.declared[p.pump]
-    m.declared[p.pump] = replace(fault, kind="pump_stuck_on")
+    m.declared[p.pump] = replace(fault, kind=STUCK_ON)
     low_V, high_V = config.range_V[p.pump]
     flow_V = float(p.x[GAIN + p.pump] * p.x[PUMP + p.pump]) / fault.healthy
-    return [
-        Alarm(
-            detected_s=p.detected_s,
-            kind="pump_stuck_on",
-            target=p.pump + 1,
-            size=min(max(flow_V, low_V), high_V),
-            onset_s=p.onset_s,
-            isolated_s=m.t_s,
-            candidates=(f"pump_stuck_on {p.pump + 1}",),
-            number=p.number,
-        )
-    ]
+    return Alarm(
+        detected_s=p.detected_s,
+        kind=STUCK_ON,
+        target=p.pump + 1,
+        size=min(max(flow_V, low_V), high_V),
+        onset_s=p.onset_s,
+        isolated_s=m.t_s,
+        candidates=(f"{STUCK_ON} {p.pump + 1}",),
+        number=p.number,
+    )
+
+
+def _end_suspicion(m: Memory, alarm: Alarm) -> list[Alarm]:
+    """The end of an alarm that is open: the stuck pump explains the readings as well as anything else does.
+
+    A lag of the same pump had a name in the same step, in 12 of 29 runs.
+    """
+    suspicion, m.suspicion = m.suspicion, None
+    m.restart_bank()
+    return [] if suspicion is None else declaration.close(m, suspicion, [alarm])
 
 
 def credit(m: Memory, evidence: float) -> None:

@@ -19,7 +19,7 @@ from math import isfinite, nan, sqrt
 
 import numpy as np
 
-from hil.core.diagnosis.glr import declaration, kernels
+from hil.core.diagnosis.glr import declaration, kernels, stuck_check
 from hil.core.diagnosis.glr.detector_config import DetectorConfig
 from hil.core.diagnosis.glr.filter import PERIOD, READING, WALK, StepResult, whitened
 from hil.core.diagnosis.glr.growth import NO_GROWTH
@@ -60,7 +60,6 @@ AGAIN_S = 120.0
 COUNT_DOWN = 0.1
 """What is over is forgotten with this share of a second in a second."""
 
-STUCK_ON = "pump_stuck_on"
 MAX_SQUARE = 30.0
 UNKNOWN_LEVEL_CM = 5.0
 CLOSE_EVIDENCE = 12.0
@@ -86,8 +85,8 @@ def fits_badly(m: Memory, row: int, *, at_fit: bool) -> bool:
 
 def contradicts(m: Memory, winner: int) -> bool:
     """Whether a new name would follow too many others within a few seconds."""
-    if any(fault.kind == STUCK_ON for fault in m.declared.values()):
-        return False  # the run trips: nothing may take that back
+    if stuck_check.has_found(m):
+        return False  # nothing may take that back
     if m.t_s - m.unknown_until_s < AGAIN_S:
         return all(j not in m.declared for j in jumps_of(winner))
     jump = JUMPS[jumps_of(winner)[0]]
@@ -210,7 +209,7 @@ def _withdraw(m: Memory, checkpoint: Checkpoint) -> list[Alarm]:
     """Withdraw the names that were given since the checkpoint, and use the sensors again that were lost by them."""
     alarms = []
     numbers = {told.number for told in m.told if told.checkpoint.step >= checkpoint.step}
-    for j in [j for j, fault in m.declared.items() if fault.number in numbers and fault.kind != STUCK_ON]:
+    for j in [j for j, fault in m.declared.items() if fault.number in numbers and fault.kind != stuck_check.STUCK_ON]:
         fault = m.declared.pop(j)
         alarms.append(_over(m, fault.kind, JUMPS[j].target, fault.number))
     for sensor in [i for i, lost in m.lost.items() if lost.number in numbers and lost.kind == "sensor_drift"]:
