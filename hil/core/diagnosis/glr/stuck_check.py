@@ -87,7 +87,7 @@ def step(config: DetectorConfig, m: Memory, log_likelihood: float) -> list[Alarm
 
 
 def has_found(m: Memory) -> bool:
-    """Whether a pump is stuck. The run trips; and the filter follows the voltage, so that what it misses is no news."""
+    """Whether a pump is stuck. The run trips; and the filter follows the voltage, so what it misses says nothing."""
     return any(fault.kind == STUCK_ON for fault in m.declared.values())
 
 
