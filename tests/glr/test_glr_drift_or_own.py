@@ -103,6 +103,29 @@ def test_a_strong_question_or_an_old_one_is_asked(
 
 
 @pytest.mark.parametrize(
+    ("is_declared", "ratio", "is_wide", "is_quiet", "alarms"),
+    [
+        (False, 39.0, True, True, 0),
+        (True, 39.0, True, False, 0),
+        (False, 41.0, True, False, 1),
+        (False, 39.0, False, False, 1),
+    ],
+)
+def test_a_question_about_a_fault_that_has_a_number_is_neither_kept_back_nor_given_another(
+    ratio: float, alarms: int, *, is_declared: bool, is_wide: bool, is_quiet: bool
+) -> None:
+    m = a_memory(0.0, 0.0)
+    outlet = number_of(OUTLET)
+    m.is_wide, m.max_ratio, m.best.ratio[outlet], m.best.slot[:] = is_wide, ratio, ratio, 0
+    m.bank.onset[0] = 290
+    if is_declared:
+        m.declared[outlet] = Declared("outlet_block", 0.5, 1.0, 1, 20.0, 21.0)
+    isolation.suspect(CONFIG, m)
+    assert m.suspicion is not None
+    assert (m.suspicion.is_quiet, m.alarms) == (is_quiet, alarms)
+
+
+@pytest.mark.parametrize(
     ("state", "learned", "now", "is_far"),
     [
         (OUTLET + 1, 0.95, 0.86, False),
