@@ -101,6 +101,25 @@ def test_a_run_as_long_as_one_before_it_is_not_called_stuck() -> None:
     assert 2 * 30 <= READINGS * (found[0] + 1) < 2 * 30 + 2 * READINGS
 
 
+@pytest.mark.parametrize(("readings", "periods"), [(2, 6), (3, 4), (4, 3), (5, 3), (10, 3)])
+def test_a_sensor_is_noisy_after_three_periods_with_a_dozen_readings(readings: int, periods: int) -> None:
+    """With a control period of 0.05 s, three of two or three readings are noisy by chance now and then."""
+    statistics = SensorStatistics(FILE_NOISE_V**2)
+    variance_V2 = 10.0 * FILE_NOISE_V**2
+    noisy, calm = (
+        Measurement((5.0,) * 4, (True,) * 4, 0.0, readings, (value,) * 4, (value,) * 4, (0,) * 4)
+        for value in (variance_V2, FILE_NOISE_V**2)
+    )
+    found = []
+    for measurement in (*[noisy] * (periods - 1), calm, *[noisy] * periods):
+        statistics.learn(measurement, 0, is_used=True)
+        found.append(statistics.is_noisy())
+    assert found == [False] * (2 * periods - 1) + [True]
+    statistics.accept_noise()
+    statistics.learn(noisy, 0, is_used=True)
+    assert not statistics.is_noisy()
+
+
 @pytest.mark.parametrize("noise_V", [0.1, 0.2])
 def test_a_sensor_known_for_its_noise_is_not_nonsense(noise_V: float) -> None:
     sensor, statistics = Sensor(noise_V, 7), SensorStatistics(FILE_NOISE_V**2)

@@ -14,7 +14,7 @@ from hil.core.diagnosis.glr.memory import Memory
 from hil.core.diagnosis.glr.memory_parts import Declared, Lost
 from hil.core.diagnosis.glr.model import BIAS, DRIFT
 from hil.core.diagnosis.glr.refilter import RING
-from hil.core.diagnosis.glr.sensor_statistics import NOISY_PERIODS, OPEN_RUN
+from hil.core.diagnosis.glr.sensor_statistics import OPEN_RUN
 from hil.core.types import Alarm, Measurement
 
 AGREES_STDS = 4.0
@@ -79,9 +79,9 @@ def _noise(config: DetectorConfig, m: Memory, measurement: Measurement, i: int) 
         return [_alarm_now(m, "sensor_noise", i + 1, 0.0, number, is_recovery=True)]
     if i in m.noisy or not sensor.is_noisy():
         return []
+    back = sensor.noisy_periods + 1
     sensor.accept_noise()
     size_V = sqrt(max(sensor.variance_V2 - sensor.healthy_V2, 0.0))
-    back = NOISY_PERIODS + 1
     if _is_recent(m, back):
         variance_V2 = m.scale[i] * (sensor.variance_V2 / measurement.readings + config.floor_V2[i])
         _, amended, alarms = _amend(config, m, i, back, float(variance_V2))

@@ -34,7 +34,9 @@ JITTER_TO_VARIANCE = 1.7
 JUMPY_RATIO = 12.0
 """A period with a larger ratio of variance has a jump in it; it is not learned from."""
 
-NOISY_PERIODS = 3
+NOISY_PERIODS, NOISY_READINGS = 3, 12
+"""A sensor is noisy after so many noisy periods in a row with so many readings. Three periods of two or three readings
+each are noisy by chance once in some 90 h of four healthy sensors."""
 CALM_RATIO = 2.0
 MIN_VARIANCE_V2 = 1e-8
 GARBAGE_V, GARBAGE_RATIO = 0.3, 16.0
@@ -47,8 +49,8 @@ class SensorStatistics:
 
     variance_V2 : of one reading, as learned. repeat_share : how often a reading equals the one before.
     longest_run, last_run : of equal readings, the longest before the present one, and up to the last period.
-    noisy_periods : how many in a row were noisy. noisy_V2 : mean variance of those. healthy_V2 : the variance before
-    the sensor was declared noisy, 0 while it isn't. newest_V2 : of the last noisy period.
+    noisy_periods, noisy_readings : how many in a row were noisy. noisy_V2 : mean variance of those. healthy_V2 : the
+    variance before the sensor was declared noisy, 0 while it isn't. newest_V2 : of the last noisy period.
     """
 
     variance_V2: float
@@ -57,6 +59,7 @@ class SensorStatistics:
     longest_run: int = 0
     last_run: int = 0
     noisy_periods: int = 0
+    noisy_readings: int = 0
     noisy_V2: float = 0.0
     healthy_V2: float = 0.0
     newest_V2: float = 0.0
@@ -78,10 +81,11 @@ class SensorStatistics:
         healthy_V2 = self.variance_V2 if self.variance_V2 > MIN_VARIANCE_V2 else MIN_VARIANCE_V2
         if jitter > NOISY_JITTER * healthy_V2:
             self.noisy_periods += 1
+            self.noisy_readings += n
             self.newest_V2 = JITTER_TO_VARIANCE * jitter
             self.noisy_V2 += (self.newest_V2 - self.noisy_V2) / self.noisy_periods
             return
-        self.noisy_periods = 0
+        self.noisy_periods = self.noisy_readings = 0
         if is_used and variance < JUMPY_RATIO * healthy_V2:
             self.weight = min(self.weight + n - 1, NOISY_MEMORY_READINGS if self.healthy_V2 else MEMORY_READINGS)
             share = (n - 1) / self.weight
@@ -115,7 +119,7 @@ class SensorStatistics:
 
     def is_noisy(self) -> bool:
         """Whether the readings have been noisy for long enough."""
-        return self.noisy_periods >= NOISY_PERIODS
+        return self.noisy_periods >= NOISY_PERIODS and self.noisy_readings >= NOISY_READINGS
 
     def is_garbage(self) -> bool:
         """Whether there is no signal in the readings; one period is enough to see that."""
@@ -124,7 +128,7 @@ class SensorStatistics:
     def accept_noise(self) -> None:
         """Use the variance of the latest, noisy periods from now on."""
         self.healthy_V2, self.variance_V2, self.weight = self.variance_V2, self.noisy_V2, PRIOR_READINGS
-        self.noisy_periods = 0
+        self.noisy_periods = self.noisy_readings = 0
 
     def end_noise(self) -> None:
         """The sensor is as quiet as before."""
