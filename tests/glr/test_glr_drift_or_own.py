@@ -210,6 +210,22 @@ def test_an_outlet_is_learned_once_it_is_known_well_enough(state: int) -> None:
     assert not own_verdict.is_far(m, m.x), "not known yet"
 
 
+def test_what_was_learned_is_learned_anew_once() -> None:
+    """Known from small movements only, outlets were 10 % off; each later step on a rig with slow pumps was a fault."""
+    m = a_memory(20.0, 0.6)
+    m.is_wide, m.learned = True, m.x.copy()
+    assert m.wide is not None
+    m.wide.x[:] = m.x
+    assert first_day.explains(CONFIG, m, 290, 30.0)
+    assert m.learned is None
+    again = a_memory(20.0, 0.6)
+    again.is_wide, again.learned, again.is_kept_again = True, again.x.copy(), m.is_kept_again
+    assert again.wide is not None
+    again.wide.x[:] = again.x
+    assert first_day.explains(CONFIG, again, 290, 30.0)
+    assert again.learned is not None
+
+
 @pytest.mark.parametrize("seed", [78317, 78506, pytest.param(78325, marks=pytest.mark.long)])
 def test_drawn_rigs_that_once_had_wrong_names_at_their_first_steps_have_none(seed: int) -> None:
     """Two were taken as learned while their tanks filled; on the third a leak led since the first reading."""

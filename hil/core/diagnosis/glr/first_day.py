@@ -203,6 +203,8 @@ def explains(config: DetectorConfig, m: Memory, onset: int, ratio: float) -> boo
         is_own = m.t_s - m.taught_s >= AGAIN_S and not own_verdict.is_far(m, wide.x)
     if not is_own or drifting.sensor(m, onset) is not None:
         return False
+    if m.learned is not None and not m.is_kept_again:  # the first large step after it taught that it was wrong
+        m.learned, m.is_kept_again = None, True
     m.taught_s = m.t_s
     become_main(m, wide)
     return True

@@ -60,8 +60,9 @@ class Memory:
     driven since; None when both are known to work. strength : pumps that were reported to give another share than the
     file says. steady_s : (2,) for how long a difference from that has been known. is_wide : whether the rig is proven
     not to be as its file says; proven_s : since when. learned : (N,) what such a rig's splits and outlets were when
-    they had been learned, not a number before; None before any. taught_s : when a relearning filter took over the last
-    time. driven_V : the least and the greatest voltage of each pump so far.
+    they had been learned, not a number before; None before any. is_kept_again : whether they have been learned anew.
+    taught_s : when a relearning filter took over the last time. driven_V : the least and the greatest voltage of each
+    pump so far.
     calm_squares : mean_square by step modulo RING. told : the latest names. unknown : what nothing explains, while it
     goes on; unknown_s : for how long, fading afterwards; unknown_until_s : run time at which the last was over.
     """
@@ -109,6 +110,7 @@ class Memory:
     proven_s: float = inf
     learned: Array | None = None
     taught_s: float = -inf
+    is_kept_again: bool = False
     driven_V: list[Pair] = field(default_factory=lambda: [(inf, -inf)] * 2)
     calm_squares: list[float] = field(default_factory=lambda: [1.0] * RING)
     told: tuple[Told, ...] = ()
