@@ -210,7 +210,7 @@ def test_an_outlet_is_learned_once_it_is_known_well_enough(state: int) -> None:
     assert not own_verdict.is_far(m, m.x), "not known yet"
 
 
-def test_what_was_learned_is_learned_anew_once() -> None:
+def test_what_was_learned_is_learned_again_once() -> None:
     """Known from small movements only, outlets were 10 % off; each later step on a rig with slow pumps was a fault."""
     m = a_memory(20.0, 0.6)
     m.is_wide, m.learned = True, m.x.copy()

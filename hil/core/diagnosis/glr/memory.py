@@ -60,7 +60,7 @@ class Memory:
     driven since; None when both are known to work. strength : pumps that were reported to give another share than the
     file says. steady_s : (2,) for how long a difference from that has been known. is_wide : whether the rig is proven
     not to be as its file says; proven_s : since when. learned : (N,) what such a rig's splits and outlets were when
-    they had been learned, not a number before; None before any. is_kept_again : whether they have been learned anew.
+    they had been learned, not a number before; None before any. is_kept_again : whether they have been learned again.
     taught_s : when a relearning filter took over the last time. driven_V : the least and the greatest voltage of each
     pump so far.
     calm_squares : mean_square by step modulo RING. told : the latest names. unknown : what nothing explains, while it
