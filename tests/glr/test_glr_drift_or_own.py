@@ -210,20 +210,24 @@ def test_an_outlet_is_learned_once_it_is_known_well_enough(state: int) -> None:
     assert not own_verdict.is_far(m, m.x), "not known yet"
 
 
-def test_what_was_learned_is_learned_again_once() -> None:
+@pytest.mark.parametrize(
+    ("t_s", "before", "is_due", "after"),
+    [(30.0, False, True, True), (30.0, True, False, True), (-30.0, False, True, False)],
+)
+def test_what_was_learned_is_learned_again_once_after_the_start_phase(
+    t_s: float, *, before: bool, is_due: bool, after: bool
+) -> None:
     """Known from small movements only, outlets were 10 % off; each later step on a rig with slow pumps was a fault."""
     m = a_memory(20.0, 0.6)
-    m.is_wide, m.learned = True, m.x.copy()
+    m.t_s, m.is_wide, m.learned, m.is_kept_again = t_s, True, m.x.copy(), before
     assert m.wide is not None
     m.wide.x[:] = m.x
     assert first_day.explains(CONFIG, m, 290, 30.0)
-    assert m.learned is None
-    again = a_memory(20.0, 0.6)
-    again.is_wide, again.learned, again.is_kept_again = True, again.x.copy(), m.is_kept_again
-    assert again.wide is not None
-    again.wide.x[:] = again.x
-    assert first_day.explains(CONFIG, again, 290, 30.0)
-    assert again.learned is not None
+    assert (m.is_keep_due, m.is_kept_again) == (is_due, after)
+    m.x[OUTLET], m.P[OUTLET, OUTLET] = 0.95, 0.01**2
+    first_day._keep_learned(m)
+    assert m.learned[OUTLET] == pytest.approx(0.95 if is_due else 1.0)
+    assert not m.is_keep_due
 
 
 @pytest.mark.parametrize("seed", [78317, 78325, pytest.param(78506, marks=pytest.mark.long)])
@@ -231,6 +235,21 @@ def test_drawn_rigs_that_once_had_wrong_names_at_their_first_steps_have_none(see
     """Two were taken as learned while their tanks filled; on the third a leak led since the first reading."""
     row = run_on(seed, 150.0)
     assert (row.false_alarms, row.questions, row.unknowns, row.trip_cause) == (0, 0, 0, "")
+
+
+@pytest.mark.parametrize(
+    ("taught_s", "verdict_s", "max_ratio", "is_learned"),
+    [(80.0, 80.0, 7.9, True), (82.0, 0.0, 7.9, False), (0.0, 82.0, 7.9, False), (80.0, 80.0, 8.1, False)],
+)
+def test_what_has_just_been_learned_may_still_be_on_its_way(
+    taught_s: float, verdict_s: float, max_ratio: float, *, is_learned: bool
+) -> None:
+    """A slow pump had its name, and outlets that were kept 15 s later were 15 % off; a false trip was the end of it."""
+    m = a_memory(0.0, 0.0)
+    m.is_wide, m.now, m.t_s, m.relearned_s, m.proven_s = True, 1010, 101.0, 64.0, 40.0
+    m.taught_s, m.verdicts_s, m.max_ratio = taught_s, (10.0, verdict_s), max_ratio
+    first_day.step(CONFIG, m, 0.0)
+    assert (m.learned is not None) is is_learned
 
 
 GROWING = [

@@ -80,7 +80,7 @@ def step(config: DetectorConfig, m: Memory, log_likelihood: float) -> None:
             m.relearned_s = age_s
             m.restart_bank()
             return
-        if m.now % REFUTE_STEPS == 0 and age_s >= tuning.relearn_until_s and _is_learned(m):
+        if m.now % REFUTE_STEPS == 0 and age_s >= tuning.relearn_until_s and _is_learned(config, m):
             _keep_learned(m)
         if m.wide is not None and m.max_ratio < tuning.calm and _is_old(m, m.wide):
             m.wide = None
@@ -114,15 +114,20 @@ def _is_confirmed(m: Memory) -> bool:
     return not m.is_wide and is_driven and m.t_s - m.begun_s > REFUTE_S
 
 
-def _is_learned(m: Memory) -> bool:
-    """Whether a rig that is not as its file says has been known for long enough, and no fault of its process is."""
-    return m.t_s - m.proven_s >= LEARNED_S and m.suspicion is None and own_verdict.is_learned_on(m)
+def _is_learned(config: DetectorConfig, m: Memory) -> bool:
+    """Whether a rig that is not as its file says has been known for long enough, and no fault of its process is.
+
+    What has just been learned may still be on its way, with small standard deviations.
+    """
+    if m.t_s - m.proven_s < LEARNED_S or m.suspicion is not None or m.max_ratio >= config.tuning.calm:
+        return False
+    return m.t_s - max((m.taught_s, *m.verdicts_s[-1:])) >= AGAIN_S and own_verdict.is_learned_on(m)
 
 
 def _keep_learned(m: Memory) -> None:
     """Keep the splits and outlets that are known well enough by now, each as it is when it is first."""
-    if m.learned is None:
-        m.learned = np.full(len(m.x), np.nan)
+    if m.learned is None or m.is_keep_due:
+        m.learned, m.is_keep_due = np.full(len(m.x), np.nan), False
     for places, far in ((_SPLITS, own_verdict.FAR_SPLIT), (_OUTLETS, own_verdict.FAR_OUTLET)):
         is_known = np.sqrt(m.P[places, places]) <= KNOWN_SHARE * far
         is_new = np.isnan(m.learned[places]) & is_known
@@ -203,8 +208,8 @@ def explains(config: DetectorConfig, m: Memory, onset: int, ratio: float) -> boo
         is_own = m.t_s - m.taught_s >= AGAIN_S and not own_verdict.is_far(m, wide.x)
     if not is_own or drifting.sensor(m, onset) is not None:
         return False
-    if m.learned is not None and not m.is_kept_again:  # the first large step after it taught that it was wrong
-        m.learned, m.is_kept_again = None, True
+    if m.learned is not None and not m.is_kept_again:  # what the first large steps teach
+        m.is_keep_due, m.is_kept_again = True, m.t_s >= 0.0
     m.taught_s = m.t_s
     become_main(m, wide)
     return True

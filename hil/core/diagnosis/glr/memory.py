@@ -60,7 +60,8 @@ class Memory:
     driven since; None when both are known to work. strength : pumps that were reported to give another share than the
     file says. steady_s : (2,) for how long a difference from that has been known. is_wide : whether the rig is proven
     not to be as its file says; proven_s : since when. learned : (N,) what such a rig's splits and outlets were when
-    they had been learned, not a number before; None before any. is_kept_again : whether they have been learned again.
+    they had been learned, not a number before; None before any. is_keep_due, is_kept_again : whether
+    they are to be taken again, and have been after the start phase.
     taught_s : when a relearning filter took over the last time. driven_V : the least and the greatest voltage of each
     pump so far.
     calm_squares : mean_square by step modulo RING. told : the latest names. unknown : what nothing explains, while it
@@ -110,6 +111,7 @@ class Memory:
     proven_s: float = inf
     learned: Array | None = None
     taught_s: float = -inf
+    is_keep_due: bool = False
     is_kept_again: bool = False
     driven_V: list[Pair] = field(default_factory=lambda: [(inf, -inf)] * 2)
     calm_squares: list[float] = field(default_factory=lambda: [1.0] * RING)
