@@ -11,7 +11,7 @@ from hil.bench import campaign_case, campaign_run
 from hil.campaigns.row import Row
 from hil.core.diagnosis.glr import first_day, isolation, own_verdict, verdict
 from hil.core.diagnosis.glr.memory_parts import Declared, Suspicion
-from hil.core.diagnosis.glr.model import DRIFT, LAG, OUTLET, SPLIT
+from hil.core.diagnosis.glr.model import BIAS, DRIFT, LAG, OUTLET, SPLIT
 from tests.campaign.campaign_bench import CONFIG as CONFIG_DIR
 from tests.glr.test_glr_first_day import CONFIG, a_memory, near_each_other, number_of
 
@@ -89,7 +89,10 @@ def test_a_weak_question_on_an_unknown_rig_is_not_asked_before_it_has_had_time_t
         (39.9, 9.9, True, False),
         (40.1, 9.9, True, True),
         (39.9, 10.1, True, True),
+        (20.1, 10.1, True, True),
+        (19.9, 10.1, True, False),
         (39.9, 0.1, False, True),
+        (19.9, 10.1, False, True),
     ],
 )
 def test_a_strong_question_or_an_old_one_is_asked(
@@ -100,6 +103,22 @@ def test_a_strong_question_or_an_old_one_is_asked(
     m.suspicion = Suspicion(number=None, detected_s=m.t_s - open_s, is_quiet=True, leader=number_of(OUTLET))
     isolation._speak(CONFIG, m, m.suspicion)
     assert (m.suspicion.number is not None) is is_told
+
+
+@pytest.mark.parametrize(
+    ("evidence", "is_wide", "is_quiet", "may_die"),
+    [(12.8, True, True, True), (20.1, True, True, False), (12.8, False, True, False), (12.8, True, False, False)],
+)
+def test_what_nobody_has_heard_of_has_no_name_with_less_evidence_than_raises_an_alarm(
+    evidence: float, *, is_wide: bool, is_quiet: bool, may_die: bool
+) -> None:
+    """A bias of 7 mV, known to 26 mV, had its name with 12.8 on a healthy rig; the alarm was due to something else."""
+    m = near_each_other((BIAS + 1, 0.007, evidence), (OUTLET + 2, 0.028, 0.95 * evidence))
+    m.is_wide = is_wide
+    suspicion = Suspicion(number=None if is_quiet else 1, detected_s=m.t_s, is_quiet=is_quiet)
+    assert isolation._may_die_away(CONFIG, m, suspicion, number_of(BIAS + 1)) is may_die
+    m.replays.before[:, OUTLET + 2], m.replays.x[:, OUTLET + 2] = 1.0, 1.028
+    assert not isolation._may_die_away(CONFIG, m, suspicion, number_of(OUTLET + 2)), "the rig's own is learned"
 
 
 @pytest.mark.parametrize(
