@@ -128,7 +128,7 @@ def _has_died_away(config: DetectorConfig, m: Memory) -> bool:
 def _may_die_away(config: DetectorConfig, m: Memory, suspicion: Suspicion, winner: int) -> bool:
     """Whether this is no fault yet: on a rig that is not as its file says, unheard of, and with too little evidence.
 
-    It has less by now than raises an alarm. The alarm came with 30; a bias of 7 mV, known to 26 mV, had a name with 12.8.
+    It has less than raises an alarm. The alarm came with 30; a bias of 7 mV, known to 26 mV, had a name with 12.8.
     """
     if not (m.is_wide and suspicion.is_quiet) or own_verdict.is_own(config, m, winner):
         return False
