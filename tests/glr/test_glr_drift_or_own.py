@@ -251,7 +251,7 @@ def test_what_was_learned_is_learned_again_once_after_the_start_phase(
 
 @pytest.mark.parametrize("seed", [78317, 78325, pytest.param(78506, marks=pytest.mark.long)])
 def test_drawn_rigs_that_once_had_wrong_names_at_their_first_steps_have_none(seed: int) -> None:
-    """Two were taken as learned while their tanks filled; on the third a leak led since the first reading."""
+    """On two an outlet was kept before it was known; on 78325 a leak led since the first reading."""
     row = run_on(seed, 150.0)
     assert (row.false_alarms, row.questions, row.unknowns, row.trip_cause) == (0, 0, 0, "")
 
